@@ -1,0 +1,41 @@
+"""The one exception that bad input raises."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class InputError(ValueError):
+    """Bad input: one sentence that names the file, the field, the value and what is allowed.
+
+    Parameters
+    ----------
+    message
+        What is wrong and what is allowed, e.g. ``"must be a positive number (m)"``.
+    file
+        The file that the value was read from, if any.
+    field
+        The dotted name of the field, e.g. ``"tiles.type[1].glues"``, if any.
+    value
+        The offending value; left out of the sentence when it is not given.
+    """
+
+    _absent = object()
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: str | None = None,
+        field: str | None = None,
+        value: Any = _absent,
+    ) -> None:
+        self.message, self.file, self.field = message, file, field
+        where = ": ".join(part for part in (file, field) if part)
+        what = message if value is self._absent else f"{_short(value)} {message}"
+        super().__init__(f"{where}: {what}" if where else what)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
