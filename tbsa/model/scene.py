@@ -4,11 +4,29 @@ A scene is read from TOML (:func:`load`) or built in Python; either way
 :meth:`Scene.validate` has passed before anything else sees it.  SI units throughout.
 Edges are in the order N, E, S, W; angles are counter-clockwise from +x; at angle 0 the
 E edge of a tile faces +x and its N edge +y.
+
+The file has three parts: the dataclasses, the rules that their values keep to, and TOML.
+Reading only brings values into shape; every judgement of a value is a rule, so that a scene
+built in Python is held to the same ones.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import ast
+import difflib
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from tbsa.errors import InputError
+from tbsa.model.squares import depth, inside, lattice, near
 
 EDGES = ("N", "E", "S", "W")
 
@@ -158,3 +176,694 @@ class Scene:
     temperature: int = 2  # of the abstract growth that gives the ground truth
     title: str = ""
     file: str = ""  # where it was read from
+
+    def validate(self) -> None:
+        """Check every value and how the values fit together.
+
+        Raises
+        ------
+        InputError
+            At the first value that is not allowed; it names file, field, value and what is.
+        """
+        for name, part in _parts(self):
+            _check_part(self, name, part)
+        _check_names(self)
+        _check_magnet_and_tile(self)
+        _check_times(self)
+        _check_places(self)
+        if self.drive is not None and self.drive.kind == "user":
+            _check_engine(self)
+
+
+SETS: dict[str, tuple[TileType, ...]] = {
+    "chessboard": (
+        TileType("black", (+1, +2, +1, +2), "black", +1),
+        TileType("white", (-1, -2, -1, -2), "white", -1),
+    ),
+    "chessboard-oriented": (
+        TileType("black", (+2, +2, -1, -1), "black", +1),
+        TileType("white", (+1, +1, -2, -2), "white", -1),
+    ),
+}
+"""The two readings of the paper's chessboard tile set; families move in opposite directions."""
+
+
+# ---------------------------------------------------------------------------------------------
+# Rules.  A rule says what is wrong with a value, or "" when nothing is.
+
+Rule = Callable[[Any], str]
+
+
+def _number(
+    low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False
+) -> Rule:
+    """A number from `low` to `high`; `above`, `below`: the end itself is not allowed."""
+    span = f"{'above' if above else 'from'} {low:g} {'to below' if below else 'to'} {high:g}"
+    message = f"must be a number {span} {unit}".rstrip()
+
+    def rule(value: Any) -> str:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return message
+        fits = (low < value if above else low <= value) and (
+            value < high if below else value <= high)  # false for NaN
+        return "" if fits else message
+
+    return rule
+
+
+def _integer(low: int, high: int) -> Rule:
+    message = f"must be an integer from {low} to {high}"
+
+    def rule(value: Any) -> str:
+        right = isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+        return "" if right else message
+
+    return rule
+
+
+def _one_of(*allowed: Any) -> Rule:
+    names = ", ".join(json.dumps(name) for name in allowed)
+
+    def rule(value: Any) -> str:
+        if type(value) in {type(name) for name in allowed} and value in allowed:
+            return ""
+        return f"must be one of {names}{_suggestion(value, allowed)}"
+
+    return rule
+
+
+def _text(*, empty: bool = False) -> Rule:
+    def rule(value: Any) -> str:
+        if not isinstance(value, str) or not (value.strip() or empty):
+            return "must be a string" if empty else "must be a string that is not empty"
+        surrogate = any("\ud800" <= letter <= "\udfff" for letter in value)
+        return "must be text that UTF-8 can hold" if surrogate else ""
+
+    return rule
+
+
+def _boolean(value: Any) -> str:
+    return "" if isinstance(value, bool) else "must be true or false"
+
+
+def _list(rule: Rule, length: int | None, what: str) -> Rule:
+    """A tuple (in TOML an array) of `length` values; None for any length."""
+
+    def check(value: Any) -> str:
+        if not isinstance(value, tuple) or (length is not None and len(value) != length):
+            return f"must be {what}"
+        wrong = next((message for message in map(rule, value) if message), "")
+        return wrong and f"must be {what}; each {wrong}"
+
+    return check
+
+
+_position = _list(_number(-1e4, 1e4, "m"), 2, "two numbers [x, y] in m")
+_angle = _number(-2 * math.pi, 2 * math.pi, "rad")  # catches degrees
+_friction = _number(0, 10)
+_restitution = _number(0, 1)
+_length = _number(1e-5, 1e4, "m")
+_force = _number(0, 1e6, "N")
+_any_force = _list(_number(-1e6, 1e6, "N"), 2, "two numbers [fx, fy] in N")
+_LARGEST_INTEGER = 2**63 - 1
+
+RULES: dict[type, dict[str, Rule]] = {
+    TileType: {
+        "name": _text(),
+        "glues": _list(_integer(-1000, 1000), 4, "four integers, the glues of N, E, S, W"),
+        "colour": _text(),
+        "family": _one_of(-1, 0, 1),
+        "forward": _one_of(*EDGES),
+    },
+    Material: {
+        "width": _number(1e-5, 10, "m"),
+        "mass": _number(1e-9, 1e4, "kg"),
+        "friction": _friction,
+        "restitution": _restitution,
+        "linear_damping": _number(0, 1e6, "1/s"),
+        "angular_damping": _number(0, 1e6, "1/s"),
+        "restitution_threshold": _number(0, 1e3, "m/s"),
+    },
+    Seed: {
+        "cells": lambda cells: "" if isinstance(cells, tuple) and cells
+        else "must be an array of at least one cell [column, row, type]",
+        "centre": _position,
+        "angle": _angle,
+    },
+    Reactor: {
+        "shape": _one_of("circle", "rectangle"),
+        "radius": _length,
+        "width": _length,
+        "height": _length,
+        "friction": _friction,
+        "restitution": _restitution,
+    },
+    PlacedTile: {
+        "type": _text(),
+        "position": _position,
+        "angle": _angle,
+        "velocity": _list(_number(-1e3, 1e3, "m/s"), 2, "two numbers [vx, vy] in m/s"),
+        "spin": _number(-1e4, 1e4, "rad/s"),
+        "held": _boolean,
+    },
+    Magnet: {
+        "alpha": _number(0, 10, "N m^2", above=True),
+        "beta": _number(0, 10, "m"),
+        "inset": _number(0, 10, "m"),
+        "cutoff": _number(0, 10, "m", above=True),
+        "switch": _number(0, 1, above=True, below=True),
+        "mismatch": _one_of(-1, 0),
+    },
+    Drive: {
+        "kind": _one_of("unicycle", "shaking", "constant", "user"),
+        "force": lambda force: (_any_force if isinstance(force, tuple) else _force)(force),
+        "torque": _number(-1e6, 1e6, "N m"),
+        "frequency": _number(0, 1e4, "Hz"),
+        "module": _text(),
+        "function": _text(),
+        "parameters": _list(_number(-1e300, 1e300), None, "an array of numbers"),
+    },
+    Floor: {
+        "law": _one_of("separate", "coupled", "exact"),
+        "linear": _friction,
+        "angular": _friction,
+        "angular_reading": _one_of("engine", "uniform-pressure"),
+        "gravity": _number(0, 1e3, "m/s^2"),
+    },
+    Solver: {
+        "step": _number(0, 0.1, "s", above=True),
+        "substeps": _integer(1, 1000),
+        "tolerance": _number(0, 1, "m/s", above=True),
+        "passes": _integer(1, 100_000),
+    },
+    Record: {
+        "interval": _number(0, 1e9, "s", above=True),
+        "checkpoint": _number(0, 1e9, "s", above=True),
+    },
+    Run: {
+        "duration": _number(0, 1e9, "s", above=True),
+        "seed": _integer(0, _LARGEST_INTEGER),
+    },
+}
+_SCENE_RULES: dict[str, Rule] = {"temperature": _integer(1, 4), "title": _text(empty=True)}
+
+KINDS: dict[type, tuple[str, dict[str, tuple[str, ...]]]] = {
+    Reactor: ("shape", {"circle": ("radius",), "rectangle": ("width", "height")}),
+    Drive: ("kind", {
+        "unicycle": ("force", "torque", "frequency"),
+        "shaking": ("force", "frequency"),
+        "constant": ("force", "torque"),
+        "user": ("module", "function", "parameters"),
+    }),
+    Floor: ("law", {"separate": ("angular", "angular_reading"), "coupled": (), "exact": ()}),
+}
+"""Of each part that comes in kinds: the field that tells the kind, and the fields of each."""
+
+
+def _fields_of(cls: type, kind: Any = None) -> tuple[str, ...]:
+    """The fields of a part, of the given kind if it comes in kinds."""
+    names = tuple(f.name for f in fields(cls))
+    if cls not in KINDS:
+        return names
+    kinds = KINDS[cls][1]
+    foreign = {name for own in kinds.values() for name in own} - set(kinds.get(kind, ()))
+    return tuple(name for name in names if name not in foreign)
+
+
+def _parts(scene: Scene) -> Iterator[tuple[str, Any]]:
+    """Every part of a scene that is there, under its name in TOML."""
+    for i, tile_type in enumerate(scene.types):
+        yield f"tiles.type[{i}]", tile_type
+    for name in ("material", "seed", "reactor", "magnet", "drive", "floor", "solver", "record",
+                 "run"):
+        if (part := getattr(scene, name)) is not None:
+            yield name, part
+    for i, tile in enumerate(scene.free.tiles):
+        yield f"free.tile[{i}]", tile
+
+
+def _fail(scene: Scene, name: str, value: Any, message: str) -> NoReturn:
+    shown = list(value) if isinstance(value, tuple) else value  # as TOML has it
+    raise InputError(message, file=scene.file or None, field=name, value=shown)
+
+
+def _check_part(scene: Scene, path: str, part: Any) -> None:
+    cls = type(part)
+    if cls in KINDS:  # a kind comes first: which other fields are there depends on it
+        key = KINDS[cls][0]
+        if message := RULES[cls][key](getattr(part, key)):
+            _fail(scene, f"{path}.{key}", getattr(part, key), message)
+    kind = getattr(part, KINDS[cls][0]) if cls in KINDS else None
+    own = _fields_of(cls, kind)
+    for f in fields(cls):
+        value = getattr(part, f.name)
+        if f.name not in own:
+            if value != f.default:
+                _fail(scene, f"{path}.{f.name}", value,
+                      f'does not belong to {KINDS[cls][0]} "{kind}"; leave it out')
+        elif message := RULES[cls][f.name](value):
+            _fail(scene, f"{path}.{f.name}", value, message)
+    if cls is Drive and isinstance(part.force, tuple) != (kind == "constant"):
+        _fail(scene, f"{path}.force", part.force, _any_force(None) if kind == "constant"
+              else _force(None))
+
+
+def _check_names(scene: Scene) -> None:
+    """Top-level values, tile types and everything that names them."""
+    for key, rule in _SCENE_RULES.items():
+        if message := rule(getattr(scene, key)):
+            _fail(scene, key, getattr(scene, key), message)
+    names = [tile_type.name for tile_type in scene.types]
+    if not names:
+        _fail(scene, "tiles.type", [], "must hold at least one tile type")
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            _fail(scene, f"tiles.type[{i}].name", name, "must be the only type of that name")
+    known = _one_of(*names)
+
+    cells = scene.seed.cells if scene.seed else ()
+    column_or_row, taken = _integer(-1_000_000, 1_000_000), set()
+    for i, cell in enumerate(cells):
+        path = f"seed.cells[{i}]"
+        if not isinstance(cell, tuple) or len(cell) != 3:
+            _fail(scene, path, cell, "must be a cell [column, row, type]")
+        for what, value, rule in zip(("column", "row", "type"), cell,
+                                     (column_or_row, column_or_row, known), strict=True):
+            if message := rule(value):
+                _fail(scene, path, value, f"({what}) {message}")
+        if cell[:2] in taken:
+            _fail(scene, path, cell, "must be the only cell at its column and row")
+        taken.add(cell[:2])
+
+    for i, tile in enumerate(scene.free.tiles):
+        if message := known(tile.type):
+            _fail(scene, f"free.tile[{i}].type", tile.type, message)
+        if tile.held and (any(tile.velocity) or tile.spin):
+            _fail(scene, f"free.tile[{i}].held", tile.held,
+                  "must be false for a tile with a velocity or spin: held tiles never move")
+    counted = [name for name, _ in scene.free.counts]
+    for name, number in scene.free.counts:
+        if message := known(name):
+            _fail(scene, "free.counts", name, message)
+        if message := _integer(0, 10_000_000)(number):
+            _fail(scene, f"free.counts.{name}", number, message)
+        if counted.count(name) > 1:
+            _fail(scene, "free.counts", name, "must be counted once")
+    random = sum(number for _, number in scene.free.counts)
+    if random and scene.reactor is None:
+        _fail(scene, "free.counts", dict(scene.free.counts),
+              "must be left out without a [reactor]: tiles are placed at random inside its wall")
+    if not (cells or scene.free.tiles or random):
+        _fail(scene, "free", 0, "tiles in the scene; must be at least one, in [seed] or [free]")
+
+
+def _check_magnet_and_tile(scene: Scene) -> None:
+    """Tile and magnet, as far as one value bounds another."""
+    width, mass, magnet, reactor = (
+        scene.material.width, scene.material.mass, scene.magnet, scene.reactor)
+    per_area = _number(0.01, 1e4, "kg/m^2")
+    if message := per_area(mass / width**2):  # a mass in g or a width in cm or mm
+        _fail(scene, "material.mass", mass, f"(kg) is {mass / width**2:.4g} kg/m^2 on a tile "
+              f"{width:g} m wide; mass / width^2 {message}")
+    if magnet is not None:
+        if not magnet.inset < 0.5 * width:
+            _fail(scene, "magnet.inset", magnet.inset,
+                  f"must be a number from 0 to below half the tile width, {0.5 * width:g} m")
+        if not magnet.cutoff > 2 * magnet.inset:
+            _fail(scene, "magnet.cutoff", magnet.cutoff,
+                  f"must be a number above the distance of bonded magnets, 2 magnet.inset = "
+                  f"{2 * magnet.inset:g} m")
+        if magnet.beta == 0 and magnet.inset == 0:
+            _fail(scene, "magnet.beta", magnet.beta,
+                  "must be above 0 m unless magnet.inset is: the force at contact is infinite")
+    if reactor is not None and not inside(
+            reactor, width, np.zeros(1), np.zeros(1), np.zeros(1)).all():
+        key = "radius" if reactor.shape == "circle" else (
+            "width" if reactor.width < width else "height")
+        least = width / math.sqrt(2) if key == "radius" else width
+        _fail(scene, f"reactor.{key}", getattr(reactor, key),
+              f"must be at least {least:g} m, to hold one tile {width:g} m wide")
+
+
+def _check_times(scene: Scene) -> None:
+    """Records fall on whole steps, checkpoints on records."""
+    for name, value, unit, part in (
+            ("record.interval", scene.record.interval, "solver.step", scene.solver.step),
+            ("record.checkpoint", scene.record.checkpoint, "record.interval",
+             scene.record.interval)):
+        number = round(value / part)
+        if number < 1 or abs(number * part - value) > 1e-9 * value:
+            _fail(scene, name, value, f"must be a whole multiple of {unit} = {part!r} s")
+
+
+def _check_places(scene: Scene) -> None:
+    """The seed and the tiles placed explicitly are inside the reactor and do not overlap."""
+    width, seed, tiles = scene.material.width, scene.seed, scene.free.tiles
+    cells = seed.cells if seed else ()
+    names = ["seed"] * len(cells) + [f"free.tile[{i}].position" for i in range(len(tiles))]
+    values: list[Any] = [*cells, *(tile.position for tile in tiles)]
+    at = np.array([(*tile.position, tile.angle) for tile in tiles], float).reshape(-1, 3)
+    x, y, angle = at.T
+    if seed is not None:
+        u, v = lattice(seed, width, [c[0] for c in cells], [c[1] for c in cells])
+        x, y = np.append(u, x), np.append(v, y)
+        angle = np.append(np.full(len(cells), float(seed.angle)), angle)
+    for i in np.flatnonzero(~inside(scene.reactor, width, x, y, angle))[:1]:
+        assert scene.reactor is not None
+        size = (f"radius {scene.reactor.radius:g} m" if scene.reactor.shape == "circle"
+                else f"{scene.reactor.width:g} m x {scene.reactor.height:g} m")
+        _fail(scene, names[i], values[i],
+              f"must be wholly inside the reactor ({scene.reactor.shape}, {size}), "
+              f"as a tile {width:g} m wide; it is centred at ({x[i]:g}, {y[i]:g}) m")
+    i, j = near(x[len(cells):], y[len(cells):], x, y, math.sqrt(2) * width)
+    i += len(cells)
+    deep = depth(width, x[j] - x[i], y[j] - y[i], angle[i], angle[j])
+    for k in np.flatnonzero((j < i) & (deep > 1e-6 * width))[:1]:
+        other = f"seed cell {cells[j[k]]}" if j[k] < len(cells) else names[j[k]].split(".pos")[0]
+        _fail(scene, names[i[k]], values[i[k]],
+              f"must not overlap {other}; it does by {deep[k]:.3g} m (touching is allowed)")
+
+
+def engine_path(scene: Scene) -> Path:
+    """The Python file of a user's own drive: ``drive.module``, relative to the scene's file."""
+    assert scene.drive is not None
+    return Path(scene.file).parent / scene.drive.module
+
+
+def _check_engine(scene: Scene) -> None:
+    """The user's engine is there; its module is read, not run."""
+    assert scene.drive is not None
+    module, function = scene.drive.module, scene.drive.function
+    tree = ast.Module([], [])
+    try:
+        tree = ast.parse(engine_path(scene).read_bytes())
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        _fail(scene, "drive.module", module,
+              f"must be a Python file, its path relative to the scene's file: {reason}")
+    except SyntaxError as error:
+        _fail(scene, "drive.module", module,
+              f"must be a Python file: {error.msg} (line {error.lineno})")
+    defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+    if not function.isidentifier() or function not in defined:
+        _fail(scene, "drive.function", function, "must be a function defined in drive.module: "
+              f"{', '.join(defined) or 'it has none'}{_suggestion(function, defined)}")
+
+
+# ---------------------------------------------------------------------------------------------
+# TOML.
+
+
+def load(path: str | Path, *, seed: int | None = None, duration: float | None = None) -> Scene:
+    """Read a scene from a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    seed, duration
+        Take the place of ``run.seed`` and ``run.duration`` (s) when given.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is not TOML, or holds a value that is not allowed.
+    """
+    file = str(path)
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"must be a TOML file in UTF-8: {error.reason} at byte {error.start}",
+                         file=file) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"must be a TOML file that can be read: {reason}", file=file) from None
+    scene = parse(text, file)
+    if seed is None and duration is None:
+        return scene
+    run = Run(scene.run.duration if duration is None else duration,
+              scene.run.seed if seed is None else seed)
+    scene = replace(scene, run=run)
+    scene.validate()
+    return scene
+
+
+def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
+    """Make a scene from TOML text, or from the tables that it would give.
+
+    Parameters
+    ----------
+    source
+        The text, or a mapping as `tomllib` returns it.
+    file
+        The name to be used in messages; ``drive.module`` is relative to its folder.
+
+    Raises
+    ------
+    InputError
+        When the text is not TOML or holds a value that is not allowed.
+    """
+    if isinstance(source, str):
+        try:
+            source = tomllib.loads(source)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"must be valid TOML: {error}", file=file or None) from None
+    scene = _Reader(file).scene(source)
+    scene.validate()
+    return scene
+
+
+def dumps(scene: Scene) -> str:
+    """The scene as complete TOML; `parse` gives the same scene again, apart from `file`."""
+    lines = [f"title = {_toml(scene.title)}", f"temperature = {_toml(scene.temperature)}"]
+    parts = list(_parts(scene))
+    if scene.free.counts:  # before the array of tables that belongs to it
+        at = next((i for i, (name, _) in enumerate(parts) if name.startswith("free")), len(parts))
+        parts.insert(at, ("free", scene.free))
+    for name, part in parts:
+        head, _, index = name.partition("[")
+        lines += ["", f"[[{head}]]" if index else f"[{head}]"]
+        if isinstance(part, Free):
+            lines.append(f"counts = {_toml(dict(part.counts))}")
+            continue
+        if isinstance(part, Seed):
+            lines.append('shape = "cells"')
+        cls = type(part)
+        kind = getattr(part, KINDS[cls][0]) if cls in KINDS else None
+        own = _fields_of(cls, kind)
+        lines += [f"{f.name} = {_toml(_coerce(f.type, getattr(part, f.name)))}"
+                  for f in fields(cls) if f.name in own]
+    return "\n".join(lines) + "\n"
+
+
+def fingerprint(scene: Scene) -> str:
+    """SHA-256 (hex) of everything that the trajectory depends on.
+
+    Left out are ``title``, ``file``, ``record``, ``run.duration``, the colours and the
+    temperature (that of the ground truth, not of the tiles).  Of a user's own drive the bytes
+    of the module count, not its path.
+    """
+    drive, module = scene.drive, b""
+    if drive is not None and drive.kind == "user":
+        module = engine_path(scene).read_bytes()
+        drive = replace(drive, module="")
+    bare = replace(
+        scene, title="", file="", temperature=2, record=Record(), drive=drive,
+        run=replace(scene.run, duration=1.0),
+        types=tuple(replace(tile_type, colour="") for tile_type in scene.types))
+    return hashlib.sha256(dumps(bare).encode() + b"\0" + module).hexdigest()
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML; `repr` of a float is the shortest text that reads back to its last bit."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_toml(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    return "[" + ", ".join(map(_toml, value)) + "]"
+
+
+def _coerce(kind: Any, value: Any) -> Any:
+    """Arrays to tuples, and integers to floats where the field (its annotation) has floats."""
+    if isinstance(value, list | tuple):
+        return tuple(_coerce(kind, item) for item in value)
+    if "float" in str(kind) and isinstance(value, int) and not isinstance(value, bool):
+        return float(value) if abs(value) < 2**1000 else value
+    return value
+
+
+def _suggestion(value: Any, allowed: Iterable[Any]) -> str:
+    names = [name for name in allowed if isinstance(name, str)]
+    close = difflib.get_close_matches(value, names, 1) if isinstance(value, str) else []
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+class _Reader:
+    """Brings the tables of a TOML file into the shape of a scene."""
+
+    parts: Mapping[str, type] = {
+        "material": Material, "reactor": Reactor, "magnet": Magnet, "drive": Drive,
+        "floor": Floor, "solver": Solver, "record": Record, "run": Run}
+    tables: Mapping[str, tuple[str, ...]] = {
+        "tiles": ("set", "type"),
+        "seed": ("shape", "arm", "types", "cells", "centre", "angle"),
+        "free": ("counts", "number", "tile"),
+        **{name: tuple(f.name for f in fields(cls)) for name, cls in parts.items()}}
+    required = ("force", "frequency", "module", "function", "radius", "width", "height")
+    """Have defaults only because other kinds of the part lack them."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+
+    def fail(self, name: str, value: Any, message: str) -> NoReturn:
+        raise InputError(message, file=self.file or None, field=name, value=value)
+
+    def missing(self, name: str, message: str) -> NoReturn:
+        raise InputError(message, file=self.file or None, field=name)
+
+    def scene(self, data: Mapping[str, Any]) -> Scene:
+        self.keys("", data, (*_SCENE_RULES, *self.tables))
+        for name in self.tables:
+            if name in data:
+                self.table(name, data[name])
+        if "tiles" not in data:
+            self.missing("tiles", 'is missing; must be a table, for example set = "chessboard"')
+        types = self.types(data["tiles"])
+        given: dict[str, Any] = {
+            name: self.part(name, data[name], cls)
+            for name, cls in self.parts.items() if name in data}
+        for name in _SCENE_RULES:
+            if name in data:
+                given[name] = data[name]
+        if "seed" in data:
+            given["seed"] = self.seed(data["seed"], types)
+        if "free" in data:
+            given["free"] = self.free(data["free"], types)
+        return Scene(types, **given, file=self.file)
+
+    def table(self, name: str, value: Any) -> None:
+        if not isinstance(value, Mapping):
+            hint = "; the seed of the random numbers is run.seed" if name == "seed" else ""
+            self.fail(name, value, f"must be a table{hint}")
+
+    def tables_of(self, name: str, value: Any) -> list[Mapping[str, Any]]:
+        if not isinstance(value, list | tuple):
+            self.fail(name, value, f"must be an array of tables, [[{name}]]")
+        for i, item in enumerate(value):
+            self.table(f"{name}[{i}]", item)
+        return list(value)
+
+    def keys(self, path: str, table: Mapping[str, Any], allowed: Iterable[str]) -> None:
+        allowed = tuple(allowed)
+        for key in table:
+            if key in allowed:
+                continue
+            hint = _suggestion(key, allowed)
+            homes = [f"in [{name}]" for name, names in self.tables.items() if key in names]
+            if key in _SCENE_RULES:
+                homes.append("at the top of the file, before any table")
+            if not hint and homes:
+                hint = f"; it belongs {' or '.join(homes)}"
+            self.fail(f"{path}.{key}" if path else str(key), table[key],
+                      f"is under an unknown key; allowed here: {', '.join(allowed)}{hint}")
+
+    def part(self, path: str, table: Mapping[str, Any], cls: type) -> Any:
+        """A dataclass from its table; None when its kind is "none"."""
+        names = tuple(f.name for f in fields(cls))
+        self.keys(path, table, names)
+        own = names
+        if cls in KINDS:
+            key, kinds = KINDS[cls]
+            default = next(f.default for f in fields(cls) if f.name == key)
+            kind = table.get(key, default)
+            if kind is MISSING:
+                self.missing(f"{path}.{key}", f"is missing; must be one of "
+                             f"{', '.join(map(_toml, kinds))} or \"none\"")
+            if message := _one_of(*kinds, "none")(kind):
+                self.fail(f"{path}.{key}", kind, message)
+            own = (key,) if kind == "none" else _fields_of(cls, kind)
+            for name in table:
+                if name not in own:
+                    self.fail(f"{path}.{name}", table[name],
+                              f"does not belong to {key} {_toml(kind)}, which has "
+                              f"{', '.join(own)}")
+            if kind == "none":
+                return None
+        for f in fields(cls):
+            needed = f.default is MISSING or (cls in KINDS and f.name in self.required)
+            if needed and f.name in own and f.name not in table:
+                self.missing(f"{path}.{f.name}", f"is missing; {RULES[cls][f.name](None)}")
+        return cls(**{f.name: _coerce(f.type, table[f.name])
+                      for f in fields(cls) if f.name in table})
+
+    def types(self, table: Mapping[str, Any]) -> tuple[TileType, ...]:
+        self.keys("tiles", table, self.tables["tiles"])
+        if ("set" in table) == ("type" in table):
+            self.missing("tiles", "must have either set, one of "
+                         f"{', '.join(map(_toml, SETS))}, or [[tiles.type]], and not both")
+        if "set" in table:
+            if message := _one_of(*SETS)(table["set"]):
+                self.fail("tiles.set", table["set"], message)
+            return SETS[table["set"]]
+        return tuple(self.part(f"tiles.type[{i}]", item, TileType)
+                     for i, item in enumerate(self.tables_of("tiles.type", table["type"])))
+
+    def seed(self, table: Mapping[str, Any], types: tuple[TileType, ...]) -> Seed:
+        self.keys("seed", table, self.tables["seed"])
+        if "shape" not in table:
+            self.missing("seed.shape", 'is missing; must be one of "cross", "L", "cells"')
+        shape = table["shape"]
+        if message := _one_of("cross", "L", "cells")(shape):
+            self.fail("seed.shape", shape, message)
+        own = ("cells",) if shape == "cells" else ("arm", "types")
+        for name in table:
+            if name in ("cells", "arm", "types") and name not in own:
+                self.fail(f"seed.{name}", table[name], f"does not belong to shape {_toml(shape)}, "
+                          f"which has {', '.join(own)}, centre, angle")
+        if own[0] not in table:
+            self.missing(f"seed.{own[0]}", "is missing; must be " + (
+                "an array of cells [column, row, type]" if shape == "cells" else
+                "an integer, the number of tiles in an arm"))
+        cells = _coerce("", table["cells"]) if shape == "cells" else self.arms(table, types)
+        rest = {f.name: _coerce(f.type, table[f.name])
+                for f in fields(Seed) if f.name in table and f.name != "cells"}
+        return Seed(cells, **rest)
+
+    def arms(
+        self, table: Mapping[str, Any], types: tuple[TileType, ...]
+    ) -> tuple[tuple[int, int, str], ...]:
+        """Cells of a cross or an L: centre or corner first, then outwards arm by arm."""
+        arm, known = table["arm"], [tile_type.name for tile_type in types]
+        if message := _integer(1, 1000)(arm):
+            self.fail("seed.arm", arm, message)
+        pair = table.get("types", (known * 2)[:2] if len(known) == 1 else known[:2])
+        if message := _list(_one_of(*known), 2, "two tile types, for even and odd column + row")(
+                _coerce("", pair)):
+            self.fail("seed.types", pair, message)
+        arms = ((1, 0), (0, 1)) + (((-1, 0), (0, -1)) if table["shape"] == "cross" else ())
+        sites = [(0, 0), *((k * c, k * r) for c, r in arms for k in range(1, arm + 1))]
+        return tuple((c, r, pair[(c + r) % 2]) for c, r in sites)
+
+    def free(self, table: Mapping[str, Any], types: tuple[TileType, ...]) -> Free:
+        self.keys("free", table, self.tables["free"])
+        counts = table.get("counts", {})
+        self.table("free.counts", counts)
+        if "number" in table:
+            number = table["number"]
+            if "counts" in table:
+                self.fail("free.number", number, "must be left out where free.counts is given")
+            if message := _integer(0, 10_000_000)(number):
+                self.fail("free.number", number, message)
+            if number % len(types):
+                self.fail("free.number", number, f"must be a whole multiple of {len(types)}, "
+                          "the number of tile types, which get equal parts")
+            counts = {tile_type.name: number // len(types) for tile_type in types}
+        tiles = self.tables_of("free.tile", table.get("tile", []))
+        return Free(tuple(counts.items()), tuple(
+            self.part(f"free.tile[{i}]", item, PlacedTile) for i, item in enumerate(tiles)))

@@ -1,0 +1,267 @@
+r"""Dry friction between one tile and the floor, as an impulse over one substep.
+
+The impulse p = (px, py, pt) lies in a convex limit set.  A tile whose stopping impulse lies
+inside it stops.  Any other slides, with the impulse of maximum dissipation for its *mean* twist
+(start + end)/2, the end including the impulse: second order in the substep while it slides.
+With M = diag(m, m, I) and s = start + trial, trial being the end without the impulse,
+
+    p = argmin  1/2 (p + M s)^T M^-1 (p + M s)   over the limit set,
+
+so that the mean twist (s + M^-1 p)/2 is minus a normal of the set at p, and friction does no
+work on it.  Limit sets, for bounds R = F_max h and Q = T_max h:
+
+- ``SEPARATE``: |(px, py)| <= R and |pt| <= Q, each of which stops or slides by itself;
+- ``COUPLED``: the ellipsoid (px^2 + py^2)/R^2 + pt^2/Q^2 <= 1 (Howe and Cutkosky, "Practical
+  force-motion models for sliding manipulation", Int. J. Robotics Research 15, 1996);
+- ``EXACT``: the set of a square under uniform pressure (Goyal, Ruina and Papadopoulos, "Planar
+  sliding with dry friction", Wear 143, 1991), in closed form.  Its width is Q/(R TORQUE).
+
+Bounds are finite and not negative.  Either may be zero; for ``EXACT`` that means no friction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tbsa.kernels.jit import inline
+
+NONE, SEPARATE, COUPLED, EXACT = 0, 1, 2, 3
+
+# T_max/(F_max w) of a square under uniform pressure: the mean distance from its centre.
+TORQUE = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0
+
+# The exact set lies between these multiples of the ellipsoid with the same axes (0.9337, 1).
+INNER, OUTER = 0.93, 1.001
+# Beyond this distance of the centre of rotation, in widths, two terms of the expansion in its
+# inverse are as good as the closed form, which loses digits there: 1e-8 of F_max w in torque.
+FAR = 256.0
+# The exact law's Newton steps end at this residual (in F_max and F_max w, or relative to the
+# impulse where that is larger), or at this number of them; 3 to 5 are usual.
+RESIDUAL = 1e-9
+STEPS = 40
+
+
+@inline
+def floor_impulse(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: float, w: float,
+                  m: float, inertia: float, R: float, Q: float, cos: float, sin: float) -> Any:
+    """Impulse ``(px, py, pt)`` of the floor on one tile (N s, N s, N m s; world axes).
+
+    `v0x`, `v0y`, `w0` is the twist at the start of the substep, `vx`, `vy`, `w` at its end
+    without the impulse.  A tile that stops gets exactly ``-m * vx, -m * vy`` and
+    ``-inertia * w`` (law ``SEPARATE``: either the first two, or the last, or all).
+    """
+    if law == SEPARATE:
+        px, py = _disc(v0x, v0y, vx, vy, m, R)
+        pt, _ = _disc(w0, 0.0, w, 0.0, inertia, Q)
+        return px, py, pt
+    if law == COUPLED:
+        if _gauge2(m * vx, m * vy, inertia * w, R, Q) <= 1.0:
+            return -m * vx, -m * vy, -inertia * w
+        return _ellipsoid(v0x + vx, v0y + vy, w0 + w, m, inertia, R, Q)
+    if law == EXACT:
+        return _exact(v0x + vx, v0y + vy, w0 + w, vx, vy, w, m, inertia, R, Q, cos, sin)
+    return 0.0, 0.0, 0.0
+
+
+@inline
+def _disc(v0x: float, v0y: float, vx: float, vy: float, m: float, R: float) -> Any:
+    """The law for a disc of radius `R`."""
+    if m * math.sqrt(vx * vx + vy * vy) <= R:
+        return -m * vx, -m * vy
+    sx, sy = v0x + vx, v0y + vy
+    s = math.sqrt(sx * sx + sy * sy)
+    if m * s <= R:  # the mean velocity is zero
+        return -m * sx, -m * sy
+    return -R * (sx / s), -R * (sy / s)
+
+
+@inline
+def _gauge2(px: float, py: float, pt: float, R: float, Q: float) -> float:
+    """Square of the multiple of the ellipsoid on whose surface an impulse lies."""
+    linear, angular = math.sqrt(px * px + py * py), abs(pt)
+    if linear > 0.0:  # else 0, also for R = 0
+        linear = linear / R if R > 0.0 else math.inf
+    if angular > 0.0:
+        angular = angular / Q if Q > 0.0 else math.inf
+    return linear * linear + angular * angular
+
+
+@inline
+def _ellipsoid(sx: float, sy: float, sw: float, m: float, inertia: float, R: float,
+               Q: float) -> Any:
+    """Minus the projection of M s onto the ellipsoid, in the metric of M^-1.
+
+    With a multiplier k, p = -(R^2 s_x/(A + k), R^2 s_y/(A + k), Q^2 s_w/(B + k)), A = R^2/m,
+    B = Q^2/I, and k solves f(k) = (R |s|/(A + k))^2 + (Q s_w/(B + k))^2 = 1.  1/sqrt(f) is
+    concave and nearly straight, so Newton steps on it rise to the root from a lower bound.
+    """
+    if _gauge2(m * sx, m * sy, inertia * sw, R, Q) <= 1.0:
+        return -m * sx, -m * sy, -inertia * sw
+    A, B = R * R / m, Q * Q / inertia
+    a, b = R * math.sqrt(sx * sx + sy * sy), Q * abs(sw)
+    k = max(max(a - A, b - B), max(math.sqrt(a * a + b * b) - max(A, B), 0.0))
+    if k + min(A, B) <= 0.0:  # no friction at all, or underflow
+        return 0.0, 0.0, 0.0
+    for _ in range(60):
+        u, t = a / (A + k), b / (B + k)
+        f = u * u + t * t
+        step = f * (math.sqrt(f) - 1.0) / (u * u / (A + k) + t * t / (B + k))
+        k += step
+        if not step > 1e-15 * (k + min(A, B)):
+            break
+    linear, angular = R * (R / (A + k)), Q * (Q / (B + k))
+    return -linear * sx, -linear * sy, -angular * sw
+
+
+@inline
+def square_friction(vx: float, vy: float, w: float) -> Any:
+    """Dissipation H of the twist of a unit square, its gradient and its second derivatives.
+
+    H is the mean of |V| over the square, V = (vx - w y, vy + w x); the friction impulse is
+    minus its gradient.  In units of F_max and the width, axes of the square; not at rest.
+    Returns ``(H, Hx, Hy, Hw, Hxx, Hxy, Hyy, Hxw, Hyw, Hww)``.
+
+    With u = r - c from the centre of rotation c = (-vy, vx)/w, H = |w| times the integral of |u|,
+    and every integral needed is one over an edge: of |u| (E) or of 1/|u| (L).
+    """
+    v = math.sqrt(vx * vx + vy * vy)
+    if v > FAR * abs(w):
+        tx, ty, e = vx / v, vy / v, w / v
+        d = e * e / 24.0
+        along = (2.0 * d) / v
+        across = (1.0 - d) / v
+        return (v * (1.0 + d), tx * (1.0 - d), ty * (1.0 - d), e / 12.0,
+                along * tx * tx + across * ty * ty, (along - across) * tx * ty,
+                along * ty * ty + across * tx * tx,
+                -tx * e / (12.0 * v), -ty * e / (12.0 * v), 1.0 / (12.0 * v))
+    cx, cy = -vy / w, vx / w
+    x0, x1, y0, y1 = -0.5 - cx, 0.5 - cx, -0.5 - cy, 0.5 - cy
+    r00, r10 = math.sqrt(x0 * x0 + y0 * y0), math.sqrt(x1 * x1 + y0 * y0)
+    r01, r11 = math.sqrt(x0 * x0 + y1 * y1), math.sqrt(x1 * x1 + y1 * y1)
+    L_w, E_w = _edge(x0, y0, y1, r00, r01)
+    L_e, E_e = _edge(x1, y0, y1, r10, r11)
+    L_s, E_s = _edge(y0, x0, x1, r00, r10)
+    L_n, E_n = _edge(y1, x0, x1, r01, r11)
+    X, Y = E_e - E_w, E_n - E_s  # integral of u/|u|
+    arm = (0.5 * (E_e + E_w + E_n + E_s) + 2.0 * (cx * X + cy * Y)) / 3.0  # of r . u/|u|
+    # Integral of u u/|u|^3.
+    nxx, nyy, nxy = y1 * L_n - y0 * L_s, x1 * L_e - x0 * L_w, r10 + r01 - r11 - r00
+    a = abs(w)
+    hx, hy, hw = -Y, X, arm
+    if w < 0.0:
+        hx, hy, hw = Y, -X, -arm
+    bx, by = cx * nxy - cy * nxx, cx * nyy - cy * nxy
+    return (vx * hx + vy * hy + w * hw, hx, hy, hw, nxx / a, nxy / a, nyy / a,
+            bx / a, by / a, (cx * by - cy * bx) / a)
+
+
+@inline
+def _edge(d: float, s0: float, s1: float, r0: float, r1: float) -> Any:
+    """Integrals of 1/|u| and |u| along an edge at distance d, from s0 to s1."""
+    if abs(d) < 1e-100:
+        L = 0.0  # infinite where the edge passes the centre, but always multiplied by d
+    elif s0 >= 0.0:
+        L = math.log((s1 + r1) / (s0 + r0))
+    elif s1 <= 0.0:
+        L = math.log((r0 - s0) / (r1 - s1))
+    else:
+        L = math.log((s1 + r1) * (r0 - s0) / (d * d))
+    return L, 0.5 * (s1 * r1 - s0 * r0 + d * d * L)
+
+
+@inline
+def _normal(bx: float, by: float, bw: float, m: float, inertia: float, nx: float, ny: float,
+            nw: float, only_whether: bool) -> Any:
+    """Where an impulse b lies against the exact set: ``(k, Hx, Hy, Hw, steps)``.
+
+    Newton's method for b = k M n + grad H(n), from the direction (nx, ny, nw): for k > 0, b lies
+    outside, k n is the twist that its friction opposes and grad H(n) its nearest point of the
+    set; otherwise b lies inside.  This maximises (n . b - H(n))/|n| with |n|^2 = n . M n.
+    With `only_whether`, k > 0 is returned as soon as some n separates b from the set.  Units as
+    in :func:`square_friction`; `steps` is STEPS + 1 where the residual has not gone.
+    """
+    size = math.sqrt(nx * nx + ny * ny + nw * nw)
+    nx, ny, nw = nx / size, ny / size, nw / size
+    enough = RESIDUAL * max(1.0, max(abs(bx), max(abs(by), abs(bw))))
+    ox, oy, ow, best = nx, ny, nw, -math.inf
+    dx = dy = dw = 0.0
+    k = hx = hy = hw = 0.0
+    for steps in range(1, STEPS + 1):
+        H, hx, hy, hw, hxx, hxy, hyy, hxw, hyw, hww = square_friction(nx, ny, nw)
+        qx, qy, qw = m * nx, m * ny, inertia * nw
+        nn = nx * qx + ny * qy + nw * qw
+        k = (nx * bx + ny * by + nw * bw - H) / nn
+        if only_whether and k > 0.0:
+            return k, hx, hy, hw, steps
+        gx, gy, gw = bx - hx - k * qx, by - hy - k * qy, bw - hw - k * qw
+        residual = max(abs(gx), max(abs(gy), abs(gw)))
+        if residual <= enough:
+            return k, hx, hy, hw, steps
+        value = k * math.sqrt(nn)
+        if value < best - RESIDUAL * (1.0 + abs(best)):  # overshot: go back and halve the step
+            dx, dy, dw = 0.5 * dx, 0.5 * dy, 0.5 * dw
+        else:
+            best, ox, oy, ow = value, nx, ny, nw
+            # (k M + H'' + M n n M/|M n|^2) d = g, positive definite; d is M-orthogonal to n.
+            c, t = max(k, 0.0), 1.0 / (qx * qx + qy * qy + qw * qw)
+            a11, a21, a31 = hxx + c * m + t * qx * qx, hxy + t * qx * qy, hxw + t * qx * qw
+            a22, a32 = hyy + c * m + t * qy * qy, hyw + t * qy * qw
+            a33 = hww + c * inertia + t * qw * qw
+            l21, l31 = a21 / a11, a31 / a11
+            d2, e32 = a22 - l21 * a21, a32 - l31 * a21
+            l32 = e32 / d2
+            d3 = a33 - l31 * a31 - l32 * e32
+            dx, dy = gx, gy - l21 * gx
+            dw = (gw - l31 * dx - l32 * dy) / d3
+            dy = dy / d2 - l32 * dw
+            dx = dx / a11 - l21 * dy - l31 * dw
+        nx, ny, nw = ox + dx, oy + dy, ow + dw
+        size = math.sqrt(nx * nx + ny * ny + nw * nw)
+        nx, ny, nw = nx / size, ny / size, nw / size
+    return k, hx, hy, hw, STEPS + 1
+
+
+@inline
+def _inside(bx: float, by: float, bw: float) -> bool:
+    """Whether an impulse lies inside the exact set; units as in :func:`square_friction`."""
+    g = _gauge2(bx, by, bw, 1.0, TORQUE)
+    if g <= INNER * INNER:
+        return True
+    if g > OUTER * OUTER:
+        return False
+    arm2 = TORQUE * TORQUE  # any metric will do: the ellipsoid's
+    return bool(_normal(bx, by, bw, 1.0, arm2, bx, by, bw / arm2, True)[0] <= 0.0)
+
+
+@inline
+def _exact(sx: float, sy: float, sw: float, vx: float, vy: float, w: float, m: float,
+           inertia: float, R: float, Q: float, cos: float, sin: float) -> Any:
+    """The law for the exact set, from the doubled mean twist s and the trial twist."""
+    stop = -m * vx, -m * vy, -inertia * w
+    if stop[0] == 0.0 and stop[1] == 0.0 and stop[2] == 0.0:
+        return stop
+    if R <= 0.0 or Q <= 0.0:
+        return 0.0, 0.0, 0.0
+    # Units: impulses in R and R * width, twists in m/s and m/s / width, axes of the tile.
+    width = Q / (R * TORQUE)
+    m1, i1 = m / R, inertia / (R * width * width)
+    bx, by, bw = m1 * (cos * vx + sin * vy), m1 * (cos * vy - sin * vx), i1 * (width * w)
+    if _inside(bx, by, bw):
+        return stop
+
+    sx, sy, sw = cos * sx + sin * sy, cos * sy - sin * sx, width * sw
+    bx, by, bw = m1 * sx, m1 * sy, i1 * sw
+    hx, hy, hw = bx, by, bw
+    if not _inside(bx, by, bw):  # otherwise the mean twist is zero
+        ex, ey, ew = _ellipsoid(sx, sy, sw, m1, i1, 1.0, TORQUE)
+        nx, ny, nw = sx + ex / m1, sy + ey / m1, sw + ew / i1
+        if abs(nx) + abs(ny) + abs(nw) <= 1e-9 * (abs(sx) + abs(sy) + abs(sw)):
+            nx, ny, nw = bx, by, bw / (TORQUE * TORQUE)
+        _, hx, hy, hw, steps = _normal(bx, by, bw, m1, i1, nx, ny, nw, False)
+        if steps > STEPS:
+            # Not converged: an impulse on the set's surface, shortened until it does no work.
+            work = hx * sx + hy * sy + hw * sw
+            part = min(1.0, max(0.0, work / ((hx * hx + hy * hy) / m1 + hw * hw / i1)))
+            hx, hy, hw = part * hx, part * hy, part * hw
+    return -R * (cos * hx - sin * hy), -R * (sin * hx + cos * hy), -R * width * hw

@@ -1,0 +1,110 @@
+"""Broad phase: a cell list, and from it a list of near pairs that many substeps share."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tbsa.kernels.jit import inline, kernel
+
+
+class Pairs(NamedTuple):
+    """Pairs (a < b) nearer than reach + skin, in the order of a, then b.
+
+    The pairs of tile a are ``other[start[a]:start[a + 1]]``.  The order depends on the tile
+    numbers alone, and a pair beyond the reach contributes nothing, so results do not depend
+    on when the list was last built.
+    """
+
+    start: np.ndarray  # int64[n + 1]
+    other: np.ndarray  # int64[capacity]
+    x: np.ndarray  # float64[n], where the tiles were
+    y: np.ndarray
+    skin: np.ndarray  # float64[1], m; 0: never built
+
+
+def empty_pairs(n: int, capacity: int) -> Pairs:
+    """Space for the pairs of `n` tiles."""
+    return Pairs(
+        np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), np.zeros(n), np.zeros(n),
+        np.zeros(1),
+    )
+
+
+@inline
+def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray,
+          h: float) -> bool:
+    """Whether a drift by h/2 may bring a pair within reach that is not on the list."""
+    limit = 0.5 * pairs.skin[0]
+    if limit == 0.0:
+        return True
+    limit *= limit
+    px, py = pairs.x, pairs.y
+    for i in range(n):
+        dx = x[i] + 0.5 * h * vx[i] - px[i]
+        dy = y[i] + 0.5 * h * vy[i] - py[i]
+        if not dx * dx + dy * dy <= limit:  # also where it is not a number
+            return True
+    return False
+
+
+@kernel
+def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
+                reach: float, skin: float) -> int:
+    """List every pair nearer than reach + skin with at least one mobile tile.
+
+    Returns the number of pairs found; where that exceeds the capacity nothing is written and
+    the caller grows the list.  -1: a position is not finite.
+    """
+    start, other = pairs.start, pairs.other
+    x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(n):
+        if not (np.isfinite(x[i]) and np.isfinite(y[i])):
+            return -1
+        x0, x1, y0, y1 = min(x0, x[i]), max(x1, x[i]), min(y0, y[i]), max(y1, y[i])
+    far = reach + skin
+    # Cells at least as wide as the distance; wider where tiles are scattered far apart, so
+    # that there are never more than a few cells a tile.
+    cell = max(far, max(x1 - x0, y1 - y0) / (2.0 * np.sqrt(n) + 2.0))
+    nx, ny = int((x1 - x0) / cell) + 1, int((y1 - y0) / cell) + 1
+    first = np.zeros(nx * ny + 1, np.int64)
+    at = np.empty(n, np.int64)
+    for i in range(n):
+        at[i] = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
+        first[at[i] + 1] += 1
+    for k in range(nx * ny):
+        first[k + 1] += first[k]
+    fill = first[:-1].copy()
+    inside = np.empty(n, np.int64)
+    for i in range(n):
+        inside[fill[at[i]]] = i
+        fill[at[i]] += 1
+
+    found = 0
+    for a in range(n):
+        start[a] = found
+        column, row = at[a] % nx, at[a] // nx
+        for r in range(max(row - 1, 0), min(row + 2, ny)):
+            for k in range(first[max(column - 1, 0) + nx * r],
+                           first[min(column + 1, nx - 1) + nx * r + 1]):
+                b = inside[k]
+                if b <= a or mobile[a] + mobile[b] == 0.0:
+                    continue
+                dx, dy = x[b] - x[a], y[b] - y[a]
+                if dx * dx + dy * dy < far * far:
+                    if found < other.size:  # keep the tile's own pairs in order
+                        j = found
+                        while j > start[a] and other[j - 1] > b:
+                            other[j] = other[j - 1]
+                            j -= 1
+                        other[j] = b
+                    found += 1
+    start[n] = found
+    if found > other.size:
+        pairs.skin[0] = 0.0
+        return found
+    pairs.skin[0] = skin
+    pairs.x[:] = x[:n]
+    pairs.y[:] = y[:n]
+    return found

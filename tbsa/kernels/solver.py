@@ -1,0 +1,348 @@
+"""The contact solve: projected Gauss-Seidel over manifolds and floor patches.
+
+For every contact point, with ``vn`` the relative normal velocity at the end of the substep:
+
+    vn + want >= 0,   pn >= 0,   pn (vn + want) = 0      (no penetration; want = gap / h)
+    |pt| <= mu pn,    pt against the relative tangential velocity   (Coulomb)
+
+A manifold of one point is solved exactly for both impulses; one of two points exactly for both
+normal impulses, in turn with its one friction impulse.  Friction with the floor is a bounded
+impulse of each tile (see `floor.py`) and is solved in the same sweep.  A row is solved again only
+if one of its bodies has been moved by more than the tolerance since: converged parts of the
+scene drop out of further passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tbsa.kernels.contacts import Rows
+from tbsa.kernels.floor import floor_impulse
+from tbsa.kernels.jit import inline
+
+
+# Overlap that is left alone (fraction of the width).  The velocity solve does not press points
+# together, so overlap comes from the curvature of fast rotations and from unconverged passes.
+SLOP = 2e-4
+
+
+class Numbers(NamedTuple):
+    """The scalars of a scene that its contacts need."""
+
+    n: int  # tiles
+    width: float  # m
+    h: float  # s, the substep
+    mass: float  # kg
+    inertia: float  # kg m^2
+    linear_damping: float  # 1/s
+    angular_damping: float  # 1/s
+    mu: float  # friction, tile-tile
+    mu_wall: float
+    e: float  # restitution, tile-tile
+    e_wall: float
+    threshold: float  # m/s, slower impacts are plastic
+    tolerance: float  # m/s
+    passes: int
+    wall: int  # 0 none, 1 circle, 2 rectangle
+    wall_x: float  # m, radius or half the width
+    wall_y: float  # m, half the height
+
+
+class FloorLaw(NamedTuple):
+    """Numbers of the floor; `law` 0 where the scene has no floor friction."""
+
+    law: int  # 1 separate, 2 coupled, 3 exact; see floor.py
+    force: float  # N, F_max
+    torque: float  # N m, T_max
+
+
+class Bodies(NamedTuple):
+    """Velocities of the tiles and, last, of the ground, and what the solve notes of each."""
+
+    vx: np.ndarray
+    vy: np.ndarray
+    w: np.ndarray
+    mobile: np.ndarray  # 1.0, or 0.0 for held tiles and the ground
+    startx: np.ndarray  # velocity at the start of the substep
+    starty: np.ndarray
+    startw: np.ndarray
+    floorx: np.ndarray  # floor impulse of this substep
+    floory: np.ndarray
+    floort: np.ndarray
+    moved: np.ndarray  # int64, when a contact last changed the velocity
+    swept: np.ndarray  # int64, when the floor was last solved
+
+
+def empty_bodies(n: int) -> Bodies:
+    """Bodies of `n` tiles and the ground."""
+    whole = {"moved", "swept"}
+    return Bodies(*(np.zeros(n + 1, np.int64 if f in whole else np.float64)
+                    for f in Bodies._fields))
+
+
+@inline
+def prepare(rows: Rows, m: int, im: float, ii: float, mobile: np.ndarray) -> None:
+    """Inverse effective masses of `m` rows, for tiles of inverse mass `im` and inertia `ii`."""
+    ra, rb, at, bt = rows.a, rows.b, rows.at, rows.bt
+    an0, bn0, an1, bn1 = rows.an0, rows.bn0, rows.an1, rows.bn1
+    k00, k01, k11, ktt, knt = rows.k00, rows.k01, rows.k11, rows.ktt, rows.knt
+    for i in range(m):
+        ma, mb = mobile[ra[i]], mobile[rb[i]]
+        linear, ia, ib = im * (ma + mb), ii * ma, ii * mb
+        k00[i] = linear + ia * an0[i] * an0[i] + ib * bn0[i] * bn0[i]
+        k01[i] = linear + ia * an0[i] * an1[i] + ib * bn0[i] * bn1[i]
+        k11[i] = linear + ia * an1[i] * an1[i] + ib * bn1[i] * bn1[i]
+        ktt[i] = linear + ia * at[i] * at[i] + ib * bt[i] * bt[i]
+        knt[i] = ia * an0[i] * at[i] + ib * bn0[i] * bt[i]
+
+
+@inline
+def approach(rows: Rows, m: int, v: Bodies) -> None:
+    """Normal velocities of all points into ``rows.vn0``, ``rows.vn1``."""
+    ra, rb, nx, ny, an0, bn0, an1, bn1 = (rows.a, rows.b, rows.nx, rows.ny, rows.an0, rows.bn0,
+                                          rows.an1, rows.bn1)
+    vn0, vn1 = rows.vn0, rows.vn1
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(m):
+        a, b = ra[i], rb[i]
+        along = nx[i] * (vx[b] - vx[a]) + ny[i] * (vy[b] - vy[a])
+        vn0[i] = along + bn0[i] * w[b] - an0[i] * w[a]
+        vn1[i] = along + bn1[i] * w[b] - an1[i] * w[a]
+
+
+@inline
+def apply_impulses(rows: Rows, m: int, im: float, ii: float, v: Bodies) -> None:
+    """Apply the impulses that the rows carry."""
+    ra, rb, nx, ny, at, bt = rows.a, rows.b, rows.nx, rows.ny, rows.at, rows.bt
+    an0, bn0, an1, bn1 = rows.an0, rows.bn0, rows.an1, rows.bn1
+    pn0, pn1, pt = rows.pn0, rows.pn1, rows.pt
+    vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
+    for i in range(m):
+        p0, p1, t = pn0[i], pn1[i], pt[i]
+        if p0 == 0.0 and p1 == 0.0 and t == 0.0:
+            continue
+        a, b = ra[i], rb[i]
+        px, py = nx[i] * (p0 + p1) - ny[i] * t, ny[i] * (p0 + p1) + nx[i] * t
+        ma, mb = mobile[a] * im, mobile[b] * im
+        vx[a] -= ma * px
+        vy[a] -= ma * py
+        w[a] -= mobile[a] * ii * (an0[i] * p0 + an1[i] * p1 + at[i] * t)
+        vx[b] += mb * px
+        vy[b] += mb * py
+        w[b] += mobile[b] * ii * (bn0[i] * p0 + bn1[i] * p1 + bt[i] * t)
+
+
+@inline
+def one_point(vn: float, vt: float, knn: float, ktt: float, knt: float, mu: float,
+              base: float) -> Any:
+    """Impulses (pn, pt) of one contact from the velocities without them (vn with its want).
+
+    Rest, stick or slide, whichever is consistent; `base` widens the friction bound to
+    mu (base + pn).
+    """
+    # No further normal impulse: friction alone on what is there already.
+    bound = mu * base
+    pt = min(max(-vt / ktt, -bound), bound)
+    if vn + knt * pt >= 0.0:
+        return 0.0, pt
+    det = knn * ktt - knt * knt
+    pn = (knt * vt - ktt * vn) / det
+    pt = (knt * vn - knn * vt) / det
+    if pn >= 0.0 and abs(pt) <= mu * (base + pn):
+        return pn, pt
+    # Sliding against the direction that sticking would have had to hold.
+    side = 1.0 if pt > 0.0 else -1.0
+    denominator = knn + side * mu * knt
+    if denominator > 1e-6 * knn:
+        pn = max(-(vn + side * mu * knt * base) / denominator, 0.0)
+    else:  # Painleve: the friction would press the contact without end; hold it instead
+        pn = max(pn, 0.0)
+    return pn, side * mu * (base + pn)
+
+
+@inline
+def two_points(u0: float, u1: float, k00: float, k01: float, k11: float) -> Any:
+    """Normal impulses of two points from their velocities without them: exact, by cases."""
+    if u0 >= 0.0 and u1 >= 0.0:
+        return 0.0, 0.0
+    det = k00 * k11 - k01 * k01
+    if det > 1e-9 * k00 * k11:
+        p0 = (k01 * u1 - k11 * u0) / det
+        p1 = (k01 * u0 - k00 * u1) / det
+        if p0 >= 0.0 and p1 >= 0.0:
+            return p0, p1
+    p0 = -u0 / k00
+    if p0 >= 0.0 and u1 + k01 * p0 >= 0.0:
+        return p0, 0.0
+    p1 = -u1 / k11
+    if p1 >= 0.0 and u0 + k01 * p1 >= 0.0:
+        return 0.0, p1
+    return max(p0, 0.0), 0.0  # two points in one place
+
+
+@inline
+def sweep_rows(rows: Rows, m: int, ground: int, mu: float, mu_wall: float, im: float, ii: float,
+               v: Bodies, tolerance: float, clock: int) -> tuple[float, int]:
+    """One pass over the rows whose bodies have moved since they were last solved.
+
+    Returns the largest contact velocity that a row changed, and the clock.
+    """
+    ra, rb, count, nx, ny, at, bt = (rows.a, rows.b, rows.count, rows.nx, rows.ny, rows.at,
+                                     rows.bt)
+    ran0, rbn0, ran1, rbn1 = rows.an0, rows.bn0, rows.an1, rows.bn1
+    pn0, pn1, pt, base = rows.pn0, rows.pn1, rows.pt, rows.base
+    want0, want1, seen = rows.want0, rows.want1, rows.seen
+    rk00, rk01, rk11, rktt, rknt = rows.k00, rows.k01, rows.k11, rows.ktt, rows.knt
+    vx, vy, w, mobile, moved = v.vx, v.vy, v.w, v.mobile, v.moved
+    worst = 0.0
+    for i in range(m):
+        a, b = ra[i], rb[i]
+        if moved[a] <= seen[i] and moved[b] <= seen[i]:
+            continue
+        clock += 1
+        seen[i] = clock
+        c, s, an0, bn0 = nx[i], ny[i], ran0[i], rbn0[i]
+        dvx, dvy, wa, wb = vx[b] - vx[a], vy[b] - vy[a], w[a], w[b]
+        q0, q1, qt, k00, ktt = pn0[i], pn1[i], pt[i], rk00[i], rktt[i]
+        friction = mu_wall if b == ground else mu
+        vt = c * dvy - s * dvx + bt[i] * wb - at[i] * wa
+        u0 = c * dvx + s * dvy + bn0 * wb - an0 * wa + want0[i]
+        if count[i] == 1:
+            knt = rknt[i]
+            p0, t = one_point(u0 - k00 * q0 - knt * qt, vt - knt * q0 - ktt * qt, k00, ktt, knt,
+                              friction, base[i])
+            p1, d1, turn_a, turn_b = 0.0, 0.0, an0 * (p0 - q0), bn0 * (p0 - q0)
+            change = abs(p0 - q0) * k00
+        else:
+            an1, bn1, k01, k11 = ran1[i], rbn1[i], rk01[i], rk11[i]
+            bound = friction * (base[i] + q0 + q1)
+            t = min(max(qt - vt / ktt, -bound), bound)
+            # What this friction does to the normal velocities, through the lever arms.
+            ta, tb = ii * mobile[a] * at[i] * (t - qt), ii * mobile[b] * bt[i] * (t - qt)
+            u1 = c * dvx + s * dvy + bn1 * wb - an1 * wa + want1[i]
+            u0 += bn0 * tb + an0 * ta
+            u1 += bn1 * tb + an1 * ta
+            p0, p1 = two_points(u0 - k00 * q0 - k01 * q1, u1 - k01 * q0 - k11 * q1, k00, k01, k11)
+            d1 = p1 - q1
+            turn_a, turn_b = an0 * (p0 - q0) + an1 * d1, bn0 * (p0 - q0) + bn1 * d1
+            change = max(abs(p0 - q0) * k00, abs(d1) * k11)
+        dn, dt = p0 - q0 + d1, t - qt
+        change = max(change, abs(dt) * ktt)
+        if change == 0.0:
+            continue
+        pn0[i], pn1[i], pt[i] = p0, p1, t
+        px, py = c * dn - s * dt, s * dn + c * dt
+        ma, mb = mobile[a], mobile[b]
+        vx[a] -= ma * im * px
+        vy[a] -= ma * im * py
+        w[a] -= ma * ii * (turn_a + at[i] * dt)
+        vx[b] += mb * im * px
+        vy[b] += mb * im * py
+        w[b] += mb * ii * (turn_b + bt[i] * dt)
+        if change > tolerance:
+            moved[a] = clock
+            if b != ground:
+                moved[b] = clock
+            if count[i] == 2:  # its friction and normal impulses alternate: look again
+                seen[i] = clock - 1
+            worst = max(worst, change)
+    return worst, clock
+
+
+@inline
+def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
+                s: np.ndarray, v: Bodies, clock: int, everyone: bool) -> None:
+    """Solve the floor's impulse of every tile (or of those moved since the last sweep)."""
+    bound, turn = floor.force * k.h, floor.torque * k.h
+    mass, inertia = 1.0 / im, 1.0 / ii
+    vx, vy, w, mobile, moved, swept = v.vx, v.vy, v.w, v.mobile, v.moved, v.swept
+    startx, starty, startw = v.startx, v.starty, v.startw
+    floorx, floory, floort = v.floorx, v.floory, v.floort
+    for i in range(k.n):
+        if mobile[i] == 0.0 or not (everyone or moved[i] > swept[i]):
+            continue
+        swept[i] = clock
+        tx, ty, tw = vx[i] - im * floorx[i], vy[i] - im * floory[i], w[i] - ii * floort[i]
+        px, py, pw = floor_impulse(floor.law, startx[i], starty[i], startw[i], tx, ty, tw, mass,
+                                   inertia, bound, turn, c[i], s[i])
+        floorx[i], floory[i], floort[i] = px, py, pw
+        # A tile that the floor stops is at rest exactly, not to rounding.
+        stopped = px == -mass * tx and py == -mass * ty
+        ux = 0.0 if stopped else tx + im * px
+        uy = 0.0 if stopped else ty + im * py
+        uw = 0.0 if pw == -inertia * tw else tw + ii * pw
+        change = max(abs(ux - vx[i]), abs(uy - vy[i]), k.width * abs(uw - w[i]))
+        vx[i], vy[i], w[i] = ux, uy, uw
+        if change > k.tolerance:
+            moved[i] = clock
+
+
+@inline
+def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
+          s: np.ndarray, v: Bodies) -> int:
+    """Gauss-Seidel passes until none changes a contact velocity by more than the tolerance.
+
+    The impulses that the rows carry must already have been applied.  Rows marked -1 in
+    ``rows.seen`` are solved at least once, those marked 0 only once a neighbour has moved.
+    Returns the number of passes, or -1 - passes where the limit was reached first.
+    """
+    clock = 1
+    v.moved[:] = 0
+    v.swept[:] = 0
+    if floor.law != 0:
+        sweep_floor(floor, k, im, ii, c, s, v, clock, True)
+    done = -1 - k.passes
+    for p in range(k.passes):
+        worst, clock = sweep_rows(rows, m, k.n, k.mu, k.mu_wall, im, ii, v, k.tolerance, clock)
+        if worst <= k.tolerance:
+            done = p + 1
+            break
+        if floor.law != 0:
+            clock += 1
+            sweep_floor(floor, k, im, ii, c, s, v, clock, False)
+    if floor.law != 0:  # last, so that what the floor holds is at rest exactly
+        sweep_floor(floor, k, im, ii, c, s, v, clock + 1, True)
+    return done
+
+
+@inline
+def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies,
+            shift: Bodies) -> bool:
+    """Displacements in `shift` that undo deep overlap; returns whether there are any.
+
+    Works on positions alone, so that it never adds kinetic energy; a solved scene does not
+    need it.  Points overlapping by more than a slop are moved a fifth of the way back, never
+    further than 2 % of the width in a substep, and other points may not be closed by it.
+    """
+    slop, most, small = SLOP * k.width, 0.02 * k.width, 1e-6 * k.width
+    gap0, gap1, count, want0, want1 = rows.gap0, rows.gap1, rows.count, rows.want0, rows.want1
+    vn0, vn1, seen = rows.vn0, rows.vn1, rows.seen
+    approach(rows, m, v)
+    deep = False
+    for i in range(m):
+        g0, g1 = gap0[i] + k.h * vn0[i] + slop, gap1[i] + k.h * vn1[i] + slop
+        if count[i] == 1:
+            g1 = g0
+        want0[i] = g0 if g0 > 0.0 else max(0.2 * g0, -most)
+        want1[i] = g1 if g1 > 0.0 else max(0.2 * g1, -most)
+        seen[i] = -1 if g0 < 0.0 or g1 < 0.0 else 0
+        deep = deep or seen[i] == -1
+    if not deep:
+        return False
+    shift.vx[:] = 0.0
+    shift.vy[:] = 0.0
+    shift.w[:] = 0.0
+    shift.moved[:] = 0
+    shift.mobile[:] = v.mobile
+    rows.pn0[:m] = 0.0
+    rows.pn1[:m] = 0.0
+    rows.pt[:m] = 0.0
+    rows.base[:m] = 0.0
+    clock = 1
+    for _ in range(10):
+        worst, clock = sweep_rows(rows, m, k.n, 0.0, 0.0, im, ii, shift, small, clock)
+        if worst <= small:
+            break
+    return True

@@ -1,0 +1,149 @@
+"""Where every tile of a scene is at time zero."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tbsa.errors import InputError
+from tbsa.model.scene import Reactor, Scene
+from tbsa.model.squares import Floats, Integers, depth, inside, lattice, near
+
+TRIALS = 1_000_000, 300
+"""Random positions tried before giving up: a number, and so many more for each tile."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All tiles of a scene at time zero; the arrays have one entry a tile.
+
+    Order: the cells of the seed, the tiles placed explicitly, the ones placed at random in
+    the order of ``scene.free.counts``.
+    """
+
+    x: Floats  # m
+    y: Floats  # m
+    angle: Floats  # rad
+    vx: Floats  # m/s
+    vy: Floats  # m/s
+    omega: Floats  # rad/s
+    type: Integers  # index into scene.types
+    held: NDArray[np.bool_]  # never moves
+    seed: NDArray[np.bool_]  # belongs to the seed
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """Random numbers of their own for each name, so that no use of them shifts another's."""
+    key = np.frombuffer(hashlib.sha256(name.encode()).digest(), "<u4")
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(map(int, key))))
+
+
+def initial_layout(scene: Scene) -> Layout:
+    """Place the tiles of a scene.
+
+    Random tiles take uniform positions in the reactor and uniform angles, one after another
+    and each where it overlaps none before it (random sequential placement); the types are
+    shuffled over that sequence, so that no type gets only the gaps that were left.
+
+    Parameters
+    ----------
+    scene
+        A validated scene; the random numbers are the stream "layout" of ``scene.run.seed``.
+
+    Raises
+    ------
+    InputError
+        When the random tiles do not fit: at once if their area exceeds the free area, else
+        after `TRIALS` random positions.
+    """
+    index = {tile_type.name: i for i, tile_type in enumerate(scene.types)}
+    cells = scene.seed.cells if scene.seed else ()
+    tiles = scene.free.tiles
+    kinds = [index[name] for _, _, name in cells] + [index[tile.type] for tile in tiles]
+    kinds += [index[name] for name, number in scene.free.counts for _ in range(number)]
+    placed, total = len(cells) + len(tiles), len(kinds)
+
+    x, y, angle, vx, vy, omega = np.zeros((6, total))
+    held, seed = np.zeros((2, total), np.bool_)
+    if scene.seed is not None:
+        at = slice(len(cells))
+        x[at], y[at] = lattice(
+            scene.seed, scene.material.width, [c[0] for c in cells], [c[1] for c in cells])
+        angle[at], held[at], seed[at] = scene.seed.angle, True, True
+    for i, tile in enumerate(tiles, len(cells)):
+        (x[i], y[i]), angle[i], (vx[i], vy[i]) = tile.position, tile.angle, tile.velocity
+        omega[i], held[i] = tile.spin, tile.held
+    if total > placed:
+        numbers = stream(scene.run.seed, "layout")
+        sequence = placed + numbers.permutation(total - placed)
+        x[sequence], y[sequence], angle[sequence] = _place(
+            scene, numbers, total - placed, x[:placed], y[:placed], angle[:placed])
+    return Layout(x, y, angle, vx, vy, omega, np.array(kinds, np.int64), held, seed)
+
+
+def _place(
+    scene: Scene, numbers: np.random.Generator, wanted: int, x: Floats, y: Floats, angle: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Random sequential placement of `wanted` squares beside those at `x`, `y`, `angle`.
+
+    Batches of random positions are tested at once but accepted in their order, and each takes
+    three random numbers: the size of a batch makes no difference.
+    """
+    reactor, width, before = scene.reactor, scene.material.width, len(x)
+    assert reactor is not None  # the scene is validated
+    area = _area(reactor) / width**2
+    if wanted + before > area:
+        raise _too_many(scene, wanted, f"they and the others would cover "
+                        f"{(wanted + before) / area:.2f} of it; the area left is that of "
+                        f"{math.floor(area - before)} tiles, and random placement ends near 0.5")
+    reach = math.sqrt(2) * width
+    left = TRIALS[0] + TRIALS[1] * wanted
+    while len(x) < before + wanted:
+        if left <= 0:
+            raise _too_many(scene, wanted, f"{len(x) - before} found a place at random without "
+                            f"overlap; the tiles would cover {(wanted + before) / area:.2f} of "
+                            "the reactor, and random placement ends near 0.5")
+        batch = min(max(2 * (before + wanted - len(x)), 4096), 65536, left)
+        left -= batch
+        u, v, turn = numbers.random((batch, 3)).T
+        p, q = _point(reactor, u, v)
+        turn = 2 * math.pi * turn
+        fits = inside(reactor, width, p, q, turn, tolerance=0.0)
+        p, q, turn = p[fits], q[fits], turn[fits]
+        i, j = near(p, q, x, y, reach)
+        fits = np.ones(len(p), np.bool_)
+        fits[i[depth(width, x[j] - p[i], y[j] - q[i], turn[i], angle[j]) > 0]] = False
+        p, q, turn = p[fits], q[fits], turn[fits]
+        i, j = near(p, q, p, q, reach)
+        i, j = i[j < i], j[j < i]
+        clash = depth(width, p[j] - p[i], q[j] - q[i], turn[i], turn[j]) > 0
+        accepted = [True] * len(p)
+        for later, earlier in zip(i[clash].tolist(), j[clash].tolist(), strict=True):
+            if accepted[earlier]:  # final, since the pairs are sorted by the later one
+                accepted[later] = False
+        keep = np.flatnonzero(accepted)[:before + wanted - len(x)]
+        x, y, angle = np.append(x, p[keep]), np.append(y, q[keep]), np.append(angle, turn[keep])
+    return x[before:], y[before:], angle[before:]
+
+
+def _area(reactor: Reactor) -> float:
+    if reactor.shape == "circle":
+        return math.pi * reactor.radius**2
+    return reactor.width * reactor.height
+
+
+def _point(reactor: Reactor, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Uniform points in the reactor from uniform numbers in [0, 1)."""
+    if reactor.shape == "circle":
+        r, phi = reactor.radius * np.sqrt(u), 2 * math.pi * v
+        return r * np.cos(phi), r * np.sin(phi)
+    return reactor.width * (u - 0.5), reactor.height * (v - 0.5)
+
+
+def _too_many(scene: Scene, wanted: int, reason: str) -> InputError:
+    return InputError(f"random tiles must fit into the reactor: {reason}",
+                      file=scene.file or None, field="free.counts", value=wanted)

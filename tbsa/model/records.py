@@ -1,0 +1,387 @@
+"""A run on disk: records, checkpoints, and the loop that writes them.
+
+A run's folder holds
+
+    scene.toml      the scene, complete
+    run.json        version, fingerprint of the scene, wall time, counters
+    layout.npz      what each tile is and where it started
+    records.npy     one structured entry a record: time and the six state arrays
+    checkpoint.npz  all that the next substep needs
+
+Every file is replaced atomically, except that ``records.npy`` grows by appending: an entry
+counts once the header says so, and a resumed run cuts off what its checkpoint has not seen.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import signal
+import threading
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tbsa.errors import InputError
+from tbsa.model.layout import Layout
+from tbsa.model.scene import Scene, dumps, fingerprint, load
+from tbsa.model.simulation import Simulation
+
+FORMAT = 1
+FIELDS = ("x", "y", "angle", "vx", "vy", "omega")
+# Wall time between looks at progress and Ctrl-C (s).
+GLANCE = 0.25
+
+
+@dataclass(frozen=True)
+class Records:
+    """The records of a run: ``time`` float64[k], the others float64[k, n] (SI units)."""
+
+    scene: Scene
+    layout: Layout
+    time: NDArray[np.float64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    vx: NDArray[np.float64]
+    vy: NDArray[np.float64]
+    omega: NDArray[np.float64]
+
+    def at(self, time: float) -> int:
+        """Index of the record nearest to `time` (s).
+
+        Raises
+        ------
+        InputError
+            Where `time` lies outside the records.
+        """
+        first, last = self.time[0], self.time[-1]
+        if not first - 1e-9 <= time <= last + 1e-9:
+            raise InputError(f"is not recorded: this run holds {first:g} to {last:g} s",
+                             field="time", value=time)
+        return int(np.argmin(np.abs(self.time - time)))
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace a file by `data` or leave it as it was."""
+    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with open(scratch, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    write_atomically(path, buffer.getvalue())
+
+
+def _read_arrays(path: Path, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {name: data[name] for name in data.files}
+    except FileNotFoundError:
+        raise InputError("is missing: not the folder of a run, or one that never began",
+                         file=str(path)) from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"is damaged: {error}", file=str(path)) from None
+    missing = [name for name in needed if name not in arrays]
+    if missing:
+        raise InputError(f"has no {missing[0]!r}: not written by tbsa, or by another version",
+                         file=str(path))
+    return arrays
+
+
+def _frame(n: int) -> np.dtype[Any]:
+    return np.dtype([("time", "<f8"), *((name, "<f8", (n,)) for name in FIELDS)])
+
+
+class _Writer:
+    """Appends entries to records.npy; the header is rewritten in place after each."""
+
+    def __init__(self, path: Path, n: int, keep: int) -> None:
+        self.dtype, self.count = _frame(n), keep
+        fresh = keep == 0
+        self.file = open(path, "w+b" if fresh else "r+b")  # noqa: SIM115
+        self._header()
+        self.begin = self.file.tell()
+        self.file.truncate(self.begin + keep * self.dtype.itemsize)
+
+    def _header(self) -> None:
+        # NumPy pads the header so that the first axis can grow in place.
+        header = np.lib.format.header_data_from_array_1_0(np.empty(0, self.dtype))
+        header["shape"] = (self.count,)
+        self.file.seek(0)
+        np.lib.format.write_array_header_1_0(self.file, header)
+
+    def append(self, simulation: Simulation) -> None:
+        entry = np.empty(1, self.dtype)
+        entry["time"] = simulation.time
+        for name in FIELDS:
+            entry[name][0] = getattr(simulation, name)
+        self.file.seek(self.begin + self.count * self.dtype.itemsize)
+        self.file.write(entry.tobytes())
+        self.file.flush()
+        self.count += 1
+        self._header()
+        self.file.flush()
+
+    def sync(self) -> None:
+        self.file.flush()
+        os.fsync(self.file.fileno())
+
+    def close(self) -> None:
+        self.file.close()
+
+
+def save_checkpoint(path: Path, simulation: Simulation) -> None:
+    """Write all that the next substep needs, and the counters so far."""
+    state, impulses = simulation.state, simulation.state.impulses
+    size = int(impulses.size[0])
+    _write_arrays(path, {
+        "format": FORMAT, "fingerprint": fingerprint(simulation.scene),
+        "substep": simulation.substep,
+        **{name: getattr(state, name)[:-1] for name in FIELDS},
+        **{f"impulse_{name}": getattr(impulses, name)[:size] for name in impulses._fields[1:]},
+        **{f"count_{name}": getattr(simulation.counts, name)
+           for name in simulation.counts._fields},
+    })
+
+
+def load_checkpoint(path: Path, simulation: Simulation) -> None:
+    """Put a fresh simulation of the same scene into the state of a checkpoint.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, damaged, or belongs to another scene.
+    """
+    state, counts = simulation.state, simulation.counts
+    names = state.impulses._fields[1:]
+    data = _read_arrays(path, ("format", "fingerprint", "substep", *FIELDS,
+                               *(f"impulse_{name}" for name in names),
+                               *(f"count_{name}" for name in counts._fields)))
+    if int(data["format"]) != FORMAT:
+        raise InputError(f"must be {FORMAT}: written by another version", file=str(path),
+                         field="format", value=int(data["format"]))
+    own = fingerprint(simulation.scene)
+    if str(data["fingerprint"]) != own:
+        raise InputError(
+            f"belongs to another scene or seed: this one has {own[:12]}", file=str(path),
+            field="fingerprint", value=str(data["fingerprint"])[:12],
+        )
+    n = simulation.numbers.n
+    if any(data[name].shape != (n,) or not np.isfinite(data[name]).all() for name in FIELDS):
+        raise InputError(f"is damaged: must hold {n} finite numbers a field", file=str(path))
+    size = data["impulse_a"].size
+    while state.impulses.a.size < size:
+        simulation._grow()
+        state = simulation.state
+    for name in FIELDS:
+        getattr(state, name)[:-1] = data[name]
+    for name in names:
+        getattr(state.impulses, name)[:size] = data[f"impulse_{name}"]
+    state.impulses.size[0] = size
+    for name in counts._fields:
+        getattr(counts, name)[:] = data[f"count_{name}"]
+    simulation.substep = int(data["substep"])
+
+
+def read_run(folder: str | Path) -> Records:
+    """Read the records of a run's folder; arrays are mapped, not loaded.
+
+    Raises
+    ------
+    InputError
+        Where the folder is not a run, or its files do not belong together.
+    """
+    folder = Path(folder)
+    info = _read_info(folder)
+    scene = load(folder / "scene.toml")
+    if fingerprint(scene) != info.get("fingerprint"):
+        raise InputError(f"was changed after the run: run.json was written for another scene "
+                         f"({str(info.get('fingerprint'))[:12]})", file=str(folder / "scene.toml"),
+                         field="fingerprint", value=fingerprint(scene)[:12])
+    layout = _read_layout(folder)
+    path = folder / "records.npy"
+    try:
+        data = np.load(path, mmap_mode="r", allow_pickle=False)
+    except FileNotFoundError:
+        raise InputError("is missing", file=str(path)) from None
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"is damaged: {error}", file=str(path)) from None
+    n = layout.x.size
+    if data.dtype != _frame(n) or data.ndim != 1:
+        raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
+    if data.size == 0:
+        raise InputError("holds no record yet", file=str(path))
+    return Records(scene, layout, np.asarray(data["time"]), *(data[name] for name in FIELDS))
+
+
+def _read_info(folder: Path) -> dict[str, Any]:
+    path = folder / "run.json"
+    try:
+        info = json.loads(path.read_text())
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError("is not the folder of a run: it has no run.json",
+                         file=str(folder)) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"is damaged: {error}", file=str(path)) from None
+    if not isinstance(info, dict) or info.get("format") != FORMAT:
+        raise InputError(f"must be {FORMAT}: not written by this version of tbsa", file=str(path),
+                         field="format",
+                         value=info.get("format") if isinstance(info, dict) else info)
+    return info
+
+
+_LAYOUT = ("x", "y", "angle", "vx", "vy", "omega", "type", "held", "seed")
+
+
+def _read_layout(folder: Path) -> Layout:
+    data = _read_arrays(folder / "layout.npz", _LAYOUT)
+    return Layout(*(data[name] for name in _LAYOUT))
+
+
+@dataclass
+class Outcome:
+    """How a call of :func:`run` ended."""
+
+    finished: bool  # False: interrupted, and saved
+    simulation: Simulation
+    wall: float  # s, this call
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[threading.Event]:
+    """An event that Ctrl-C or SIGTERM sets, instead of breaking off in the middle."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    before = {number: signal.signal(number, lambda *_: event.set())
+              for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield event
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run(scene: Scene, folder: str | Path, *, resume: bool = False,
+        progress: Callable[[Simulation, bool], None] | None = None) -> Outcome:
+    """Run a scene into a folder, to its duration or to Ctrl-C.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    folder
+        The run's folder; it is made.  It must not hold a run yet, unless `resume`.
+    resume
+        Go on from the folder's checkpoint, to the same bits as without the break.
+    progress
+        Called every quarter of a second or so, with the simulation and whether a record has
+        just been written.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds a run already, or a checkpoint that cannot be resumed.
+    SimulationError
+        Where the scene cannot be simulated.
+    """
+    folder = Path(folder)
+    existing = (folder / "run.json").exists()
+    if existing and not resume:
+        raise InputError("holds a run already: resume it (--resume) or name another (--out)",
+                         file=str(folder))
+    if resume:
+        _read_info(folder)
+        layout = _read_layout(folder)
+        simulation = Simulation(scene, layout)
+        load_checkpoint(folder / "checkpoint.npz", simulation)
+    else:
+        if folder.exists() and not folder.is_dir():
+            raise InputError("is a file, not a folder", file=str(folder))
+        simulation = Simulation(scene)
+    with _interrupts() as stop:
+        return _write_run(scene, folder, simulation, resume, progress, stop)
+
+
+def _write_run(scene: Scene, folder: Path, simulation: Simulation, resume: bool,
+               progress: Callable[[Simulation, bool], None] | None,
+               stop: threading.Event) -> Outcome:
+    begin = time.perf_counter()
+    earlier = _read_info(folder).get("wall", 0.0) if resume else 0.0
+    every = round(scene.record.interval / simulation.h)
+    save_every = every * round(scene.record.checkpoint / scene.record.interval)
+    end = round(scene.run.duration / simulation.h)
+    if not resume:
+        folder.mkdir(parents=True, exist_ok=True)
+        layout = simulation.layout
+        _write_arrays(folder / "layout.npz", {name: getattr(layout, name) for name in _LAYOUT})
+    # An end off the grid of record times leaves an entry of its own; going on drops it.
+    keep = simulation.substep // every + 1 if resume else 0
+    path = folder / "records.npy"
+    if resume and (not path.exists() or path.stat().st_size < keep * _frame(
+            simulation.numbers.n).itemsize):
+        raise InputError(f"is missing or too short: the checkpoint has seen {keep} records",
+                         file=str(path))
+    records = _Writer(path, simulation.numbers.n, keep)
+
+    def save() -> None:
+        records.sync()
+        save_checkpoint(folder / "checkpoint.npz", simulation)
+        counts = {name: np.asarray(value).tolist()
+                  for name, value in simulation.counts._asdict().items()}
+        info = {
+            "format": FORMAT, "version": _version(), "fingerprint": fingerprint(scene),
+            "time": simulation.time, "finished": simulation.substep >= end,
+            "wall": earlier + time.perf_counter() - begin,
+            "counts": {k: v[0] if len(v) == 1 else v for k, v in counts.items()},
+        }
+        write_atomically(folder / "run.json", json.dumps(info, indent=1).encode())
+
+    try:
+        if not resume or (simulation.substep >= end and simulation.substep % every != 0):
+            records.append(simulation)
+        write_atomically(folder / "scene.toml", dumps(scene).encode())
+        save()
+        chunk = 1
+        while simulation.substep < end and not stop.is_set():
+            ahead = min(end, (simulation.substep // every + 1) * every) - simulation.substep
+            size = min(chunk, ahead)
+            started = time.perf_counter()
+            simulation.advance(size)
+            spent = max(time.perf_counter() - started, 1e-6)
+            chunk = max(1, min(2 * chunk, int(size * GLANCE / spent)))
+            recorded = simulation.substep % every == 0 or simulation.substep == end
+            if recorded:
+                records.append(simulation)
+            if simulation.substep % save_every == 0 and simulation.substep < end:
+                save()
+            if progress is not None:
+                progress(simulation, recorded)
+        save()
+    finally:
+        records.close()
+    return Outcome(simulation.substep >= end, simulation, time.perf_counter() - begin)
+
+
+def _version() -> str:
+    import tbsa
+
+    return tbsa.__version__

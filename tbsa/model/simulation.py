@@ -1,0 +1,261 @@
+"""A running simulation: a scene, its state, and the substeps that advance it."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tbsa.errors import InputError
+from tbsa.kernels import advance as core
+from tbsa.kernels import drives
+from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
+from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
+from tbsa.kernels.impacts import empty_scratch
+from tbsa.kernels.magnets import MagnetLaw
+from tbsa.kernels.neighbours import empty_pairs
+from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
+from tbsa.model.layout import Layout, initial_layout
+from tbsa.model.scene import Scene
+
+Floats = NDArray[np.float64]
+
+# Edge -> angle from the tile's +x to it.
+EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
+
+
+class SimulationError(RuntimeError):
+    """The state stopped being finite, or contacts outgrew their space: not to be trusted."""
+
+
+def floor_limits(scene: Scene) -> tuple[float, float]:
+    """Largest friction force (N) and torque (N m) of the floor on one tile; 0, 0 without a floor.
+
+    The torque of separate friction is read as the engine of the paper does, c m g sqrt(2 I/m),
+    or as c times that of a square under uniform pressure; the other laws are one friction law
+    with the linear coefficient.
+    """
+    floor, body = scene.floor, scene.material
+    if floor is None:
+        return 0.0, 0.0
+    weight = body.mass * floor.gravity
+    force = floor.linear * weight
+    if floor.law != "separate":
+        return force, TORQUE * force * body.width
+    if floor.angular_reading == "engine":
+        return force, floor.angular * weight * body.width / math.sqrt(3.0)
+    return force, floor.angular * weight * TORQUE * body.width
+
+
+class Simulation:
+    """One run of a scene.
+
+    Parameters
+    ----------
+    scene
+        A validated scene.
+    layout
+        Where the tiles start; by default that of the scene and its seed of random numbers.
+
+    Attributes
+    ----------
+    scene, layout
+        As given.
+    substep
+        Number of substeps done.
+    state
+        Arrays of length n + 1 (the last entry is the ground), see
+        :class:`tbsa.kernels.advance.State`.
+    counts
+        What the run has done so far, see :class:`tbsa.kernels.advance.Counts`.
+
+    Notes
+    -----
+    The same scene gives the same bits on one CPU type and set of package versions, however the
+    run is cut into calls.
+    """
+
+    def __init__(self, scene: Scene, layout: Layout | None = None) -> None:
+        self.scene = scene
+        self.layout = layout = initial_layout(scene) if layout is None else layout
+        n = layout.x.size
+        body, magnet, wall = scene.material, scene.magnet, scene.reactor
+        self.substep = 0
+        self.h = scene.solver.step / scene.solver.substeps
+        ground = np.zeros(1)
+        capacity = 16 * n + 16
+        self.state = core.State(
+            *(np.concatenate([np.asarray(v, float), ground])
+              for v in (layout.x, layout.y, layout.angle, layout.vx, layout.vy, layout.omega)),
+            impulses=empty_impulses(capacity + 2 * n + 64),
+        )
+        types = scene.types
+        self.tiles = core.Tiles(
+            np.concatenate([np.where(layout.held, 0.0, 1.0), ground]),
+            np.array([types[t].glues for t in layout.type], np.int64).reshape(-1),
+            np.array([types[t].family for t in layout.type], float),
+            np.array([EDGE_ANGLE[types[t].forward] for t in layout.type], float),
+        )
+        for i in (3, 4, 5):
+            self.state[i][:n][layout.held] = 0.0
+        wall_friction, wall_restitution = (wall.friction, wall.restitution) if wall else (0.0, 0.0)
+        circle = wall is not None and wall.shape == "circle"
+        self.numbers = Numbers(
+            n=n, width=body.width, h=self.h, mass=body.mass,
+            inertia=body.mass * body.width**2 / 6.0,
+            linear_damping=body.linear_damping, angular_damping=body.angular_damping,
+            mu=body.friction, mu_wall=wall_friction, e=body.restitution,
+            e_wall=wall_restitution, threshold=body.restitution_threshold,
+            tolerance=scene.solver.tolerance, passes=scene.solver.passes,
+            wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
+            wall_x=0.0 if wall is None else wall.radius if circle else 0.5 * wall.width,
+            wall_y=0.0 if wall is None or circle else 0.5 * wall.height,
+        )
+        law = {"separate": SEPARATE, "coupled": COUPLED, "exact": EXACT}
+        self.floor = FloorLaw(law[scene.floor.law] if scene.floor else NONE, *floor_limits(scene))
+        if magnet is None or not self.tiles.glues.any():
+            self.magnets = MagnetLaw(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+        else:
+            self.magnets = MagnetLaw(
+                magnet.alpha, magnet.beta, 0.5 * body.width - magnet.inset, magnet.cutoff,
+                magnet.cutoff * (1.0 - magnet.switch), float(magnet.mismatch),
+            )
+        self.engine, self.parameters = _engine(scene)
+        # A lone tile has no pairs, and then there is no list to keep.
+        reach = max(1.42 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
+        self._reach = reach + 0.02 * body.width if n > 1 else 0.0
+        self._skin = 0.2 * body.width
+        self.counts = core.empty_counts()
+        self._work = self._space(capacity)
+
+    def _space(self, capacity: int) -> core.Work:
+        n = self.numbers.n
+        return core.Work(
+            empty_pairs(n, capacity), empty_rows(capacity + 2 * n + 64), empty_bodies(n),
+            empty_bodies(n), empty_scratch(n), *(np.zeros(n) for _ in range(5)),
+            np.zeros(4 * n), np.zeros(4 * n),
+        )
+
+    @property
+    def time(self) -> float:
+        """Simulated time (s)."""
+        return self.substep * self.h
+
+    @property
+    def x(self) -> Floats:
+        """Centres, x (m), float64[n]; a view."""
+        return self.state.x[:-1]
+
+    @property
+    def y(self) -> Floats:
+        """Centres, y (m), float64[n]; a view."""
+        return self.state.y[:-1]
+
+    @property
+    def angle(self) -> Floats:
+        """Angles (rad, counter-clockwise), float64[n]; a view, not reduced to one turn."""
+        return self.state.angle[:-1]
+
+    @property
+    def vx(self) -> Floats:
+        """Velocities, x (m/s), float64[n]; a view."""
+        return self.state.vx[:-1]
+
+    @property
+    def vy(self) -> Floats:
+        """Velocities, y (m/s), float64[n]; a view."""
+        return self.state.vy[:-1]
+
+    @property
+    def omega(self) -> Floats:
+        """Spins (rad/s), float64[n]; a view."""
+        return self.state.omega[:-1]
+
+    def advance(self, substeps: int) -> None:
+        """Advance by a number of substeps.
+
+        Raises
+        ------
+        SimulationError
+            Where a position or velocity is no longer a finite number.
+        """
+        left = substeps
+        while left > 0:
+            error, done = core.advance(
+                self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
+                self.parameters, self._work, self.counts, self.substep, left, self._reach,
+                self._skin,
+            )
+            self.substep += done
+            left -= done
+            if error == core.MORE_PAIRS:
+                self._grow()
+            elif error == core.MORE_ROWS:
+                raise SimulationError(f"more contacts than tiles can have at t = {self.time} s")
+            elif error == core.NOT_FINITE:
+                raise SimulationError(
+                    f"positions or velocities stopped being finite before t = {self.time} s; "
+                    f"the load is too large for a substep of {self.h:.3g} s"
+                )
+
+    def run(self, seconds: float) -> None:
+        """Advance by a time (s), to the nearest substep."""
+        self.advance(round(seconds / self.h))
+
+    def _grow(self) -> None:
+        capacity = 2 * self._work.pairs.other.size
+        self._work = self._space(capacity)
+        old, new = self.state.impulses, empty_impulses(capacity + 2 * self.numbers.n + 64)
+        for a, b in zip(old, new, strict=True):
+            b[: a.size] = a
+        self.state = self.state._replace(impulses=new)
+
+    def kinetic_energy(self) -> float:
+        """Sum of m v^2 / 2 + I omega^2 / 2 over all tiles (J)."""
+        k = self.numbers
+        return float(
+            0.5 * k.mass * (self.vx @ self.vx + self.vy @ self.vy)
+            + 0.5 * k.inertia * (self.omega @ self.omega)
+        )
+
+
+def _engine(scene: Scene) -> tuple[Any, Floats]:
+    """The compiled drive of a scene and its parameters."""
+    drive = scene.drive
+    if drive is None:
+        return drives.engine(drives.no_drive), np.zeros(1)
+    if drive.kind == "user":
+        return drives.engine(_user_function(scene)), np.array([*drive.parameters, 0.0])
+    if drive.kind == "constant":
+        assert isinstance(drive.force, tuple)
+        return drives.engine(drives.constant), np.array([*drive.force, drive.torque])
+    function = {"unicycle": drives.unicycle, "shaking": drives.shaking}[drive.kind]
+    assert isinstance(drive.force, float)
+    return drives.engine(function), np.array([drive.force, drive.torque, drive.frequency])
+
+
+def _user_function(scene: Scene) -> Callable[..., None]:
+    drive = scene.drive
+    assert drive is not None
+    path = Path(scene.file).parent / drive.module
+    name = f"tbsa_drive_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+        function: Callable[..., None] = getattr(module, drive.function)
+    except Exception as error:
+        raise InputError(
+            f"cannot be used as a drive: {error}", file=scene.file, field="drive.module",
+            value=drive.module,
+        ) from error
+    return function

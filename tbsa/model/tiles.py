@@ -1,0 +1,258 @@
+"""Tile sets: glues, the abstract growth that gives the ground truth, and a check for traps.
+
+The abstract Tile Assembly Model (Winfree 1998; paper, section "Abstract Tile Assembly Model"):
+tiles sit on a square lattice and do not turn; a tile joins at a free site when its glues that
+match the neighbours' have a total strength of at least the temperature.  Matching glues have
+strength 1, all others 0.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, sqrt
+
+import numpy as np
+
+from tbsa.model.scene import EDGES, SETS, Scene, TileType
+from tbsa.model.squares import inside, lattice
+
+__all__ = [
+    "EDGES", "SETS", "STEPS", "Conflict", "Growth", "PartialMatch", "Site", "TileType",
+    "attracts", "check", "ground_truth", "grow", "mirrored", "rotated", "strength", "symmetry",
+]
+
+Site = tuple[int, int]  # column, row
+Glues = tuple[int, int, int, int]
+
+STEPS: tuple[Site, ...] = ((0, 1), (1, 0), (0, -1), (-1, 0))
+"""From a site to its neighbours at N, E, S, W; the neighbour's facing edge is (i + 2) % 4."""
+
+
+def attracts(glue_a: int, glue_b: int) -> bool:
+    """Whether two glues match: +g and -g do, 0 (no magnet) matches nothing."""
+    return glue_a != 0 and glue_a == -glue_b
+
+
+def rotated(glues: Glues, turns: int) -> Glues:
+    """What faces N, E, S, W after `turns` quarter turns counter-clockwise of the tile."""
+    k = turns % 4
+    a, b, c, d = glues[k:] + glues[:k]  # after one turn the E edge faces N
+    return a, b, c, d
+
+
+def mirrored(tile_type: TileType) -> TileType:
+    """The tile type seen in a mirror: E and W change places."""
+    n, e, s, w = tile_type.glues
+    forward = {"E": "W", "W": "E"}.get(tile_type.forward, tile_type.forward)
+    return replace(tile_type, glues=(n, w, s, e), forward=forward)
+
+
+def symmetry(tile_type: TileType) -> int:
+    """The smallest number of quarter turns (1, 2 or 4) that maps the glues to themselves."""
+    return next(k for k in (1, 2, 4) if rotated(tile_type.glues, k) == tile_type.glues)
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A site at which tiles of more than one type can come to sit."""
+
+    site: Site
+    types: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What grows from a seed.
+
+    Attributes
+    ----------
+    types
+        Index of the tile type at each site, (column, row), the seed's among them.
+    conflict
+        None when the growth is `directed`, else the first site found to admit several types;
+        ``types`` is then one of several possible assemblies, the one in which the type that
+        comes first in the set wins.
+    seed
+        The sites of the seed.
+    """
+
+    types: Mapping[Site, int]
+    conflict: Conflict | None = None
+    seed: frozenset[Site] = frozenset()
+
+    @property
+    def directed(self) -> bool:
+        """Whether every order of attachments ends in the same assembly."""
+        return self.conflict is None
+
+
+def strength(types: Sequence[TileType], sites: Mapping[Site, int], site: Site, offered: int) -> int:
+    """Number of glues with which type `offered` would bind at `site` of an assembly."""
+    bonds = 0
+    for edge, neighbour in _neighbours(site):
+        if neighbour in sites:
+            facing = types[sites[neighbour]].glues[(edge + 2) % 4]
+            bonds += attracts(types[offered].glues[edge], facing)
+    return bonds
+
+
+def grow(
+    types: Sequence[TileType],
+    seed_cells: Iterable[tuple[int, int, str]],
+    allowed: Callable[[Site], bool] | Container[Site],
+    temperature: int = 2,
+) -> Growth:
+    """Abstract growth from a seed.
+
+    Parameters
+    ----------
+    types
+        The tile set.
+    seed_cells
+        (column, row, type name) of the seed's tiles.
+    allowed
+        The sites that growth may reach, as a predicate or a container; it must bound the
+        growth, or this does not return.
+    temperature
+        The number of matching glues that a tile needs to join.
+
+    Notes
+    -----
+    The assembly is *directed* when no site can ever be taken by two types.  That is decided
+    exactly: let A be the assembly found.  If another order of attachments can end differently,
+    look at its first tile that A does not have: it joins at a site s of A, with a type B other
+    than A's, next to tiles of A that were placed without s.  So A is directed unless some B
+    with enough matching glues at some s in A also has enough of them in what A grows to when s
+    stays empty.  The first half is one pass over A; only the sites that it leaves in doubt
+    (none in a chessboard) need the second, a growth each.
+    """
+    index = {tile_type.name: i for i, tile_type in enumerate(types)}
+    seed = {(column, row): index[name] for column, row, name in seed_cells}
+    may = allowed if callable(allowed) else allowed.__contains__
+
+    def first_that_binds(site: Site, sites: Mapping[Site, int]) -> int | None:
+        if not may(site):
+            return None
+        return next((i for i in range(len(types))
+                     if strength(types, sites, site, i) >= temperature), None)
+
+    sites = _closure(seed, first_that_binds)
+    for site, placed in sites.items():
+        if site in seed:
+            continue
+        rivals = [i for i in range(len(types))
+                  if i != placed and strength(types, sites, site, i) >= temperature]
+        if not rivals:
+            continue
+
+        def same_again(
+            other: Site, grown: Mapping[Site, int], left_out: Site = site
+        ) -> int | None:
+            i = sites.get(other)
+            if i is None or other == left_out:
+                return None
+            return i if strength(types, grown, other, i) >= temperature else None
+
+        without = _closure(seed, same_again)
+        rivals = [i for i in rivals if strength(types, without, site, i) >= temperature]
+        if rivals:
+            return Growth(sites, Conflict(site, tuple(sorted([placed, *rivals]))), frozenset(seed))
+    return Growth(sites, None, frozenset(seed))
+
+
+def _neighbours(site: Site) -> Iterator[tuple[int, Site]]:
+    column, row = site
+    for edge, (c, r) in enumerate(STEPS):
+        yield edge, (column + c, row + r)
+
+
+def _closure(
+    seed: Mapping[Site, int], binds: Callable[[Site, Mapping[Site, int]], int | None]
+) -> dict[Site, int]:
+    """Add tiles until none binds.  A site is looked at only after a neighbour was filled."""
+    sites = dict(seed)
+    queue = deque(neighbour for site in seed for _, neighbour in _neighbours(site))
+    while queue:
+        site = queue.popleft()
+        if site in sites:
+            continue
+        offered = binds(site, sites)
+        if offered is not None:
+            sites[site] = offered
+            queue.extend(neighbour for _, neighbour in _neighbours(site))
+    return sites
+
+
+def ground_truth(scene: Scene) -> Growth:
+    """What the scene's seed should grow to: abstract growth inside the reactor.
+
+    A site counts when the whole tile is inside.  Without a reactor growth is confined to the
+    seed's bounding box extended on every side by ceil(sqrt(number of tiles)).  Without a seed
+    nothing grows.  Tiles that are held beside the seed are not part of the growth.
+    """
+    seed, width = scene.seed, scene.material.width
+    if seed is None:
+        return Growth({})
+    number = (len(seed.cells) + len(scene.free.tiles)
+              + sum(count for _, count in scene.free.counts))
+    margin = ceil(sqrt(number))
+    columns, rows = [c[0] for c in seed.cells], [c[1] for c in seed.cells]
+    left, right = min(columns) - margin, max(columns) + margin
+    low, high = min(rows) - margin, max(rows) + margin
+
+    def allowed(site: Site) -> bool:
+        if scene.reactor is None:
+            return left <= site[0] <= right and low <= site[1] <= high
+        x, y = lattice(seed, width, *site)
+        return bool(inside(scene.reactor, width, x, y, np.asarray(seed.angle)))
+
+    return grow(scene.types, seed.cells, allowed, scene.temperature)
+
+
+@dataclass(frozen=True)
+class PartialMatch:
+    """A tile that would bind where another, or the same turned otherwise, belongs."""
+
+    wanted: str  # the type that belongs there
+    offered: str  # the type that binds
+    turns: int  # quarter turns counter-clockwise of the one offered
+    matches: int  # glues that attract the neighbours'
+    arrangement: str  # of the matching edges: "single", "adjacent", "opposite", "three", "all four"
+    mismatches: int  # pairs of glues that face each other and do not attract
+    sites: int  # number of sites where this is so
+
+
+def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
+    """The traps of a tile set: wrong tiles that bind by at least one glue where it grows.
+
+    At each site that grew and has at least two neighbours, each type is offered in each of its
+    orientations, except the right type when it shows the right glues.  Equal findings are one
+    row; the most dangerous (most matches, fewest mismatches) come first.
+    """
+    found: Counter[tuple[str, str, int, int, str, int]] = Counter()
+    for site, placed in growth.types.items():
+        facing = [(edge, types[growth.types[neighbour]].glues[(edge + 2) % 4])
+                  for edge, neighbour in _neighbours(site) if neighbour in growth.types]
+        if site in growth.seed or len(facing) < 2:
+            continue
+        wanted = types[placed]
+        for offered in types:
+            for turns in range(symmetry(offered)):
+                glues = rotated(offered.glues, turns)
+                edges = [edge for edge, glue in facing if attracts(glues[edge], glue)]
+                if not edges or (glues == wanted.glues and offered == wanted):
+                    continue
+                repelled = sum(glues[edge] != 0 and glue != 0 for edge, glue in facing)
+                found[wanted.name, offered.name, turns, len(edges), _arrangement(edges),
+                      repelled - len(edges)] += 1
+    rows = [PartialMatch(*key, sites) for key, sites in found.items()]
+    return sorted(rows, key=lambda row: (-row.matches, row.mismatches, row.arrangement,
+                                         row.wanted, row.offered, row.turns))
+
+
+def _arrangement(edges: Sequence[int]) -> str:
+    if len(edges) == 2:
+        return "opposite" if edges[1] - edges[0] == 2 else "adjacent"
+    return {1: "single", 3: "three", 4: "all four"}[len(edges)]

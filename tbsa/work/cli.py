@@ -1,0 +1,199 @@
+"""The command ``tbsa``: run, metrics, draw, check.
+
+Exit codes: 0 done; 1 the run could not go on (disk, a state that is not finite); 2 bad input,
+nothing written; 130 interrupted, saved.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tbsa import __version__
+from tbsa.errors import InputError
+
+if TYPE_CHECKING:
+    from tbsa.model.scene import Scene
+    from tbsa.model.simulation import Simulation
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        code: int = arguments.command(arguments)
+        return code
+    except InputError as error:
+        print(f"tbsa: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        return 1
+    except (OSError, RuntimeError) as error:
+        print(f"tbsa: {error}", file=sys.stderr)
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="tbsa", description="Magnetically bonded, passive tile self-assembly.")
+    parser.add_argument("--version", action="version", version=f"tbsa {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="run a scene", description="Run a scene.")
+    run.add_argument("config", type=Path, help="the scene, a TOML file")
+    run.add_argument("--seed", type=int, help="seed of the random numbers, instead of the scene's")
+    run.add_argument("--duration", type=float, metavar="S", help="simulated seconds, likewise")
+    run.add_argument("--out", type=Path, metavar="DIR",
+                     help="the run's folder (default: runs/NAME-SEED)")
+    run.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
+    run.add_argument("--quiet", action="store_true", help="no progress bar")
+    run.set_defaults(command=_run)
+
+    metrics = commands.add_parser("metrics", help="table of a run's metrics",
+                                  description="Print a run's metrics and write metrics.csv.")
+    metrics.add_argument("run", type=Path, help="the run's folder")
+    metrics.add_argument("--out", type=Path, metavar="CSV", help="(default: RUN/metrics.csv)")
+    metrics.set_defaults(command=_metrics)
+
+    draw = commands.add_parser("draw", help="picture of a run",
+                               description="Draw a run at one time.")
+    draw.add_argument("run", type=Path, help="the run's folder")
+    draw.add_argument("--time", type=float, metavar="T", help="simulated time in s (default: last)")
+    draw.add_argument("--out", type=Path, metavar="FILE",
+                      help="png, pdf or svg (default: RUN/tTIME.png)")
+    draw.add_argument("--glues", action="store_true", help="glue labels on the edges")
+    draw.set_defaults(command=_draw)
+
+    check = commands.add_parser(
+        "check", help="check a scene and its tile set",
+        description="Check a scene, grow its pattern abstractly, and list what could bind wrongly.")
+    check.add_argument("config", type=Path, help="the scene, a TOML file")
+    check.set_defaults(command=_check)
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from tbsa.model.records import run
+    from tbsa.model.scene import load
+
+    scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
+    folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
+    with _Bar(scene, disable=arguments.quiet) as bar:
+        outcome = run(scene, folder, resume=arguments.resume, progress=bar.show)
+    simulation = outcome.simulation
+    if not outcome.finished:
+        print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  tbsa run "
+              f"{arguments.config} --out {folder} --resume", file=sys.stderr)
+        return 130
+    print(summary(scene, simulation, outcome.wall))
+    print(f"run in {folder}")
+    return 0
+
+
+def summary(scene: Scene, simulation: Simulation, wall: float) -> str:
+    """A few lines on a run that has ended."""
+    from tbsa.work.metrics import assembly
+
+    found = assembly(scene, simulation.layout, simulation.x, simulation.y, simulation.angle)
+    counts = simulation.counts
+    substeps = max(int(counts.substeps[0]), 1)
+    width = scene.material.width
+    shares = 100 * counts.overlap / substeps
+    lines = [
+        f"{simulation.time:g} s simulated in {wall:.1f} s of wall time",
+        f"assembly {found.size} tiles and {found.total - found.size} of the seed, "
+        f"{found.errors} wrong, {found.holes} holes, {found.bonds} bonds",
+        f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; substeps beyond "
+        f"0.1 %: {shares[2:].sum():.3g} %, 0.5 %: {shares[3:].sum():.3g} %, "
+        f"2 %: {shares[4]:.3g} %",
+        f"solver: {counts.rows[0] / substeps:.0f} manifolds a substep, "
+        f"{counts.passes[0] / substeps:.2f} passes, "
+        f"{100 * counts.unconverged[0] / substeps:.2g} % of substeps at the limit of passes",
+    ]
+    return "\n".join(lines)
+
+
+class _Bar:
+    """Progress: simulated time, times real time, size of the assembly."""
+
+    def __init__(self, scene: Scene, disable: bool) -> None:
+        from tqdm import tqdm
+
+        self.scene = scene
+        self.bar = tqdm(
+            total=scene.run.duration, unit="s", disable=disable, dynamic_ncols=True,
+            bar_format="{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]",
+        )
+        self.size: int | None = None
+        self.start: float | None = None
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bar.close()
+
+    def show(self, simulation: Simulation, recorded: bool) -> None:
+        """Move the bar; the size is looked up at records."""
+        if self.bar.disable:
+            return
+        if self.start is None:
+            self.start = self.bar.initial = simulation.time
+        if (recorded or self.size is None) and self.scene.seed is not None:
+            from tbsa.work.metrics import size
+
+            self.size = size(self.scene, simulation.layout, simulation.x, simulation.y,
+                             simulation.angle)
+        self.bar.n = simulation.time
+        elapsed = self.bar.format_dict["elapsed"]
+        rate = (simulation.time - self.start) / elapsed if elapsed > 0 else 0.0
+        text = f"{rate:.1f} x real time"
+        if self.size is not None:
+            text += f", {self.size} attached"
+        self.bar.set_postfix_str(text, refresh=False)
+        self.bar.refresh()
+
+
+def _metrics(arguments: argparse.Namespace) -> int:
+    from tbsa.model.records import read_run, write_atomically
+    from tbsa.work.metrics import table
+
+    records = read_run(arguments.run)
+    frame = table(records.scene, records.layout, records.time, records.x, records.y,
+                  records.angle)
+    out = arguments.out or arguments.run / "metrics.csv"
+    if not out.parent.is_dir():
+        raise InputError("is not a folder", file=str(out.parent))
+    write_atomically(out, frame.to_csv(index=False).encode())
+    print(frame.to_string(index=False))
+    print(f"written to {out}")
+    return 0
+
+
+def _draw(arguments: argparse.Namespace) -> int:
+    from tbsa.model.records import read_run
+    from tbsa.work.draw import draw
+
+    records = read_run(arguments.run)
+    k = records.at(float(records.time[-1]) if arguments.time is None else arguments.time)
+    time = float(records.time[k])
+    out = arguments.out or arguments.run / f"t{time:g}.png"
+    draw(records.scene, records.layout, records.x[k], records.y[k], records.angle[k], path=out,
+         time=time, glues=arguments.glues)
+    print(f"t = {time:g} s, written to {out}")
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from tbsa.model.scene import load
+    from tbsa.work.report import describe
+
+    print(describe(load(arguments.config)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
