@@ -4,10 +4,12 @@ One substep of length h, of second order in free flight:
 
     drift   x += h/2 v                                   to the middle of the substep
     lists   near pairs (kept while nobody has moved too far)
+    damp    v *= exp(-h/2 c)
     forces  magnets and drive, at the middle
     impacts what hits in this substep, without forces     (impacts.py)
-    kick    v += h F/m with damping along the mean velocity
+    kick    v += h F/m
     solve   contacts and floor friction at the velocity level (solver.py)
+    damp    v *= exp(-h/2 c)
     drift   x += h/2 v
     project deep overlap out of the positions, if there is any
 
@@ -24,7 +26,12 @@ import numpy as np
 from tbsa.kernels.contacts import Impulses, Rows, find_contacts, recall, remember
 from tbsa.kernels.impacts import Scratch, impacts
 from tbsa.kernels.jit import inline, kernel
-from tbsa.kernels.magnets import MagnetLaw, add_magnet_forces
+from tbsa.kernels.magnets import (
+    MagnetLaw,
+    MagnetPairs,
+    add_magnet_forces,
+    find_magnet_pairs,
+)
 from tbsa.kernels.neighbours import Pairs, build_pairs, stale
 from tbsa.kernels.solver import (
     Bodies,
@@ -74,8 +81,7 @@ class Work(NamedTuple):
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
-    mx: np.ndarray  # magnets seen from the centres
-    my: np.ndarray
+    magnets: MagnetPairs
 
 
 class Counts(NamedTuple):
@@ -114,8 +120,7 @@ def note_overlap(rows: Rows, m: int, width: float, counts: Counts) -> None:
 
 @inline
 def kick(k: Numbers, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodies) -> None:
-    """Forces and damping, dv/dt = F/m - c v with c acting on the mean velocity."""
-    dl, da = 0.5 * k.h * k.linear_damping, 0.5 * k.h * k.angular_damping
+    """Give every mobile tile the impulse of the forces, and note where it started."""
     fm, fi = k.h / k.mass, k.h / k.inertia
     vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
     v.startx[:] = vx
@@ -126,9 +131,9 @@ def kick(k: Numbers, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodi
     v.floort[:] = 0.0
     for i in range(k.n):
         if mobile[i] != 0.0:
-            vx[i] = (vx[i] * (1.0 - dl) + fm * fx[i]) / (1.0 + dl)
-            vy[i] = (vy[i] * (1.0 - dl) + fm * fy[i]) / (1.0 + dl)
-            w[i] = (w[i] * (1.0 - da) + fi * torque[i]) / (1.0 + da)
+            vx[i] += fm * fx[i]
+            vy[i] += fm * fy[i]
+            w[i] += fi * torque[i]
 
 
 @inline
@@ -189,8 +194,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     vx, vy, w, fx, fy, torque = v.vx, v.vy, v.w, work.fx, work.fy, work.torque
     v.vx[:], v.vy[:], v.w[:] = state.vx, state.vy, state.omega
     v.mobile[:] = tiles.mobile
-    im = 1.0 / (k.mass * (1.0 + 0.5 * h * k.linear_damping))
-    ii = 1.0 / (k.inertia * (1.0 + 0.5 * h * k.angular_damping))
+    im, ii = 1.0 / k.mass, 1.0 / k.inertia
+    damp, damp_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     no_floor = FloorLaw(0, 0.0, 0.0)
     error, done = OK, 0
     m = 0
@@ -209,11 +214,14 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             x[i] += 0.5 * h * vx[i]
             y[i] += 0.5 * h * vy[i]
             angle[i] += 0.5 * h * w[i]
+            vx[i] *= damp
+            vy[i] *= damp
+            w[i] *= damp_spin
             c[i], s[i] = math.cos(angle[i]), math.sin(angle[i])
             fx[i] = fy[i] = torque[i] = 0.0
         if magnets.cutoff > 0.0:
-            add_magnet_forces(magnets, work.pairs, n, tiles.glues, x, y, c, s, work.mx, work.my,
-                              fx, fy, torque)
+            near = find_magnet_pairs(magnets, work.pairs, n, x, y, c, s, work.magnets)
+            add_magnet_forces(magnets, work.magnets, near, tiles.glues, fx, fy, torque)
         drive((first + step + 0.5) * h, drive_parameters, x[:n], y[:n], angle[:n], vx[:n],
               vy[:n], w[:n], tiles.family, tiles.forward, fx, fy, torque)
 
@@ -225,12 +233,12 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 break
         if m > 0:
             note_overlap(rows, m, k.width, counts)
+            prepare(rows, m, im, ii, v.mobile)
             counts.impacts[0] += impacts(rows, m, k, no_floor, c, s, v, work.scratch)
         else:
             counts.overlap[0] += 1
         kick(k, work.fx, work.fy, work.torque, v)
         if m > 0 or floor.law != 0:
-            prepare(rows, m, im, ii, v.mobile)
             recall(rows, m, n, state.impulses)
             rows.base[:m] = 0.0
             rows.seen[:m] = -1
@@ -247,6 +255,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         if floor.law != 0:
             drift_back(k, floor, rows, m, im, ii, v, x, y, angle)
         for i in range(n):
+            vx[i] *= damp
+            vy[i] *= damp
+            w[i] *= damp_spin
             x[i] += 0.5 * h * vx[i]
             y[i] += 0.5 * h * vy[i]
             angle[i] += 0.5 * h * w[i]

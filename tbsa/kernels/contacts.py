@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tbsa.kernels.geometry import circle_corner, square_square
-from tbsa.kernels.jit import inline
+from tbsa.kernels.jit import columns, inline
 from tbsa.kernels.neighbours import Pairs
 
 CIRCLE, RECTANGLE = 1, 2
 
 # Points further apart than they can close at their present speeds, by this fraction of the
 # width, are left out: an impact or a force would have to close it within one substep.
-SPARE = 0.04
+SPARE = 0.02
 
 
 class Rows(NamedTuple):
@@ -76,16 +76,14 @@ class Impulses(NamedTuple):
 def empty_rows(capacity: int) -> Rows:
     """Space for `capacity` manifolds."""
     whole = {"a", "b", "count", "id0", "id1", "seen"}
-    return Rows(*(np.zeros(capacity, np.int64 if f in whole else np.float64)
-                  for f in Rows._fields))
+    return Rows(*columns(capacity, [int if f in whole else float for f in Rows._fields]))
 
 
 def empty_impulses(capacity: int) -> Impulses:
     """Space for the impulses of `capacity` manifolds; none stored."""
     whole = {"a", "b", "id0", "id1"}
-    return Impulses(np.zeros(1, np.int64),
-                    *(np.zeros(capacity, np.int64 if f in whole else np.float64)
-                      for f in Impulses._fields[1:]))
+    return Impulses(np.zeros(1, np.int64), *columns(
+        capacity, [int if f in whole else float for f in Impulses._fields[1:]]))
 
 
 @inline

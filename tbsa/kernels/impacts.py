@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tbsa.kernels.contacts import Rows
-from tbsa.kernels.jit import inline
+from tbsa.kernels.jit import columns, inline
 from tbsa.kernels.routh import routh
 from tbsa.kernels.solver import (
     Bodies,
@@ -25,7 +25,6 @@ from tbsa.kernels.solver import (
     Numbers,
     apply_impulses,
     approach,
-    prepare,
     relax,
 )
 
@@ -48,8 +47,8 @@ class Scratch(NamedTuple):
 
 def empty_scratch(n: int) -> Scratch:
     """Scratch of `n` tiles and the ground."""
-    return Scratch(*(np.zeros(n + 1, np.int64 if f in {"island", "near"} else np.float64)
-                     for f in Scratch._fields))
+    whole = {"island", "near"}
+    return Scratch(*columns(n + 1, [int if f in whole else float for f in Scratch._fields]))
 
 
 @inline
@@ -107,32 +106,31 @@ def limit_energy(k: Numbers, island: np.ndarray, v: Bodies, ux: np.ndarray, uy: 
     `energy`, `mixed` are scratch.
     """
     m, inertia = k.mass, k.inertia
-    vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
+    vx, vy, w = v.vx, v.vy, v.w
     for i in range(k.n):
         energy[i] = mixed[i] = 0.0
     for i in range(k.n):
-        if mobile[i] == 0.0:
-            continue
-        r = root(island, i)
         dx, dy, dw = vx[i] - ux[i], vy[i] - uy[i], w[i] - uw[i]
+        most[i] -= 0.5 * (m * (ux[i] * ux[i] + uy[i] * uy[i]) + inertia * uw[i] * uw[i])
+        if most[i] == 0.0 and dx == 0.0 and dy == 0.0 and dw == 0.0:
+            continue  # no part of any impact
+        r = root(island, i)
         energy[r] += 0.5 * (m * (dx * dx + dy * dy) + inertia * dw * dw)
         mixed[r] += m * (dx * ux[i] + dy * uy[i]) + inertia * dw * uw[i]
-        most[i] -= 0.5 * (m * (ux[i] * ux[i] + uy[i] * uy[i]) + inertia * uw[i] * uw[i])
         if r != i:
             most[r] += most[i]
             most[i] = 0.0
     for i in range(k.n):
+        dx, dy, dw = vx[i] - ux[i], vy[i] - uy[i], w[i] - uw[i]
+        if dx == 0.0 and dy == 0.0 and dw == 0.0:
+            continue
         r = root(island, i)
-        room = most[r] if most[r] > 0.0 else 0.0
-        # energy s^2 + mixed s <= room; only where the whole way would break it
-        if mobile[i] == 0.0 or energy[r] + mixed[r] <= room:
+        room = max(most[r], 0.0)
+        if energy[r] + mixed[r] <= room:  # energy s^2 + mixed s <= room at the whole way, s = 1
             continue
         q = math.sqrt(mixed[r] * mixed[r] + 4.0 * energy[r] * room)
-        step = (q - mixed[r]) / (2.0 * energy[r])
-        step = min(max(step, 0.0), 1.0)
-        vx[i] = ux[i] + step * (vx[i] - ux[i])
-        vy[i] = uy[i] + step * (vy[i] - uy[i])
-        w[i] = uw[i] + step * (w[i] - uw[i])
+        step = min(max((q - mixed[r]) / (2.0 * energy[r]), 0.0), 1.0)
+        vx[i], vy[i], w[i] = ux[i] + step * dx, uy[i] + step * dy, uw[i] + step * dw
 
 
 @inline
@@ -141,7 +139,7 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
     """Impulses of everything that hits in this substep; returns the number of points that hit.
 
     `floor` must be the law 0: dry friction of the floor is a finite force and does nothing in
-    an impact.  The rows' impulses are used as scratch.
+    an impact.  The rows must be prepared; their impulses are used as scratch.
     """
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     ra, rb, gap0, gap1, count = rows.a, rows.b, rows.gap0, rows.gap1, rows.count
@@ -173,8 +171,6 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
             if mobile[a] * mobile[b] != 0.0:
                 p, q = root(island, a), root(island, b)
                 island[max(p, q)] = min(p, q)
-    prepare(rows, m, im, ii, v.mobile)
-
     together = False
     for i in range(m):
         a, b = ra[i], rb[i]

@@ -20,12 +20,12 @@ import numpy as np
 
 from tbsa.kernels.contacts import Rows
 from tbsa.kernels.floor import floor_impulse
-from tbsa.kernels.jit import inline
+from tbsa.kernels.jit import columns, inline
 
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
-SLOP = 2e-4
+SLOP = 1e-3
 
 
 class Numbers(NamedTuple):
@@ -78,8 +78,7 @@ class Bodies(NamedTuple):
 def empty_bodies(n: int) -> Bodies:
     """Bodies of `n` tiles and the ground."""
     whole = {"moved", "swept"}
-    return Bodies(*(np.zeros(n + 1, np.int64 if f in whole else np.float64)
-                    for f in Bodies._fields))
+    return Bodies(*columns(n + 1, [int if f in whole else float for f in Bodies._fields]))
 
 
 @inline
@@ -316,7 +315,7 @@ def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies,
     need it.  Points overlapping by more than a slop are moved a fifth of the way back, never
     further than 2 % of the width in a substep, and other points may not be closed by it.
     """
-    slop, most, small = SLOP * k.width, 0.02 * k.width, 1e-6 * k.width
+    slop, most, small = SLOP * k.width, 0.02 * k.width, 1e-5 * k.width
     gap0, gap1, count, want0, want1 = rows.gap0, rows.gap1, rows.count, rows.want0, rows.want1
     vn0, vn1, seen = rows.vn0, rows.vn1, rows.seen
     approach(rows, m, v)
@@ -341,7 +340,7 @@ def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies,
     rows.pt[:m] = 0.0
     rows.base[:m] = 0.0
     clock = 1
-    for _ in range(10):
+    for _ in range(3):
         worst, clock = sweep_rows(rows, m, k.n, 0.0, 0.0, im, ii, shift, small, clock)
         if worst <= small:
             break

@@ -23,7 +23,7 @@ import threading
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
-from tbsa.model.scene import Scene, dumps, fingerprint, load
+from tbsa.model.scene import Scene, dumps, engine_path, fingerprint, load
 from tbsa.model.simulation import Simulation
 
 FORMAT = 1
@@ -358,7 +358,7 @@ def _write_run(scene: Scene, folder: Path, simulation: Simulation, resume: bool,
     try:
         if not resume or (simulation.substep >= end and simulation.substep % every != 0):
             records.append(simulation)
-        write_atomically(folder / "scene.toml", dumps(scene).encode())
+        _write_scene(folder, scene)
         save()
         chunk = 1
         while simulation.substep < end and not stop.is_set():
@@ -379,6 +379,15 @@ def _write_run(scene: Scene, folder: Path, simulation: Simulation, resume: bool,
     finally:
         records.close()
     return Outcome(simulation.substep >= end, simulation, time.perf_counter() - begin)
+
+
+def _write_scene(folder: Path, scene: Scene) -> None:
+    """Write scene.toml, and beside it the module of a user's own drive."""
+    if scene.drive is not None and scene.drive.kind == "user":
+        source = engine_path(scene).read_bytes()
+        write_atomically(folder / "drive.py", source)
+        scene = replace(scene, drive=replace(scene.drive, module="drive.py"))
+    write_atomically(folder / "scene.toml", dumps(scene).encode())
 
 
 def _version() -> str:

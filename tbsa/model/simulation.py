@@ -6,7 +6,6 @@ import importlib.util
 import math
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,11 @@ from tbsa.kernels import drives
 from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
 from tbsa.kernels.impacts import empty_scratch
-from tbsa.kernels.magnets import MagnetLaw
-from tbsa.kernels.neighbours import empty_pairs
+from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
+from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
 from tbsa.model.layout import Layout, initial_layout
-from tbsa.model.scene import Scene
+from tbsa.model.scene import Scene, engine_path
 
 Floats = NDArray[np.float64]
 
@@ -130,7 +129,7 @@ class Simulation:
         # A lone tile has no pairs, and then there is no list to keep.
         reach = max(1.42 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
         self._reach = reach + 0.02 * body.width if n > 1 else 0.0
-        self._skin = 0.2 * body.width
+        self._skin = 0.5 * body.width
         self.counts = core.empty_counts()
         self._work = self._space(capacity)
 
@@ -139,7 +138,7 @@ class Simulation:
         return core.Work(
             empty_pairs(n, capacity), empty_rows(capacity + 2 * n + 64), empty_bodies(n),
             empty_bodies(n), empty_scratch(n), *(np.zeros(n) for _ in range(5)),
-            np.zeros(4 * n), np.zeros(4 * n),
+            empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
         )
 
     @property
@@ -216,6 +215,36 @@ class Simulation:
             b[: a.size] = a
         self.state = self.state._replace(impulses=new)
 
+    def magnet_forces(self) -> tuple[Floats, Floats, Floats]:
+        """Forces (N, x and y) and torques (N m) of the magnets on every tile, float64[n] each."""
+        n = self.numbers.n
+        fx, fy, torque = np.zeros(n), np.zeros(n), np.zeros(n)
+        if self.magnets.cutoff > 0.0 and n > 1:
+            while build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
+                              self._skin) > self._work.pairs.other.size:
+                self._grow()
+            magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
+                          self.angle, self._work.magnets, fx, fy, torque)
+        return fx, fy, torque
+
+    def contact_forces(self) -> dict[str, NDArray[Any]]:
+        """Contact forces of the last substep, one entry a manifold that carries any.
+
+        Returns
+        -------
+        dict
+            ``a``, ``b`` (tile numbers; b = n for the wall), ``points`` (1 or 2), ``normal0``,
+            ``normal1`` (N, >= 0, at the two points), ``friction`` (N, along the tangent).
+        """
+        store = self.state.impulses
+        k = slice(0, int(store.size[0]))
+        return {
+            "a": store.a[k].copy(), "b": store.b[k].copy(),
+            "points": np.where(store.id1[k] < 0, 1, 2),
+            "normal0": store.pn0[k] / self.h, "normal1": store.pn1[k] / self.h,
+            "friction": store.pt[k] / self.h,
+        }
+
     def kinetic_energy(self) -> float:
         """Sum of m v^2 / 2 + I omega^2 / 2 over all tiles (J)."""
         k = self.numbers
@@ -243,7 +272,7 @@ def _engine(scene: Scene) -> tuple[Any, Floats]:
 def _user_function(scene: Scene) -> Callable[..., None]:
     drive = scene.drive
     assert drive is not None
-    path = Path(scene.file).parent / drive.module
+    path = engine_path(scene)
     name = f"tbsa_drive_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
