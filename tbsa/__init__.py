@@ -32,7 +32,7 @@ _HOME = {
     "table": "tbsa.work.metrics",
     "draw": "tbsa.work.draw",
 }
-__all__ = sorted(_HOME)  # noqa: PLE0605
+__all__ = sorted(_HOME)
 
 if TYPE_CHECKING:
     from tbsa.errors import InputError as InputError

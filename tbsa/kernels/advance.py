@@ -78,6 +78,10 @@ class Work(NamedTuple):
     scratch: Scratch
     c: np.ndarray  # cos and sin of the angles
     s: np.ndarray
+    lastx: np.ndarray  # where the tiles were at the middle of the substep before
+    lasty: np.ndarray
+    last_angle: np.ndarray
+    still: np.ndarray  # bool, they are there again: what follows from their places is known
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
@@ -197,6 +201,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     damp, damp_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     no_floor = FloorLaw(0, 0.0, 0.0)
+    lastx, lasty, last_angle, still = work.lastx, work.lasty, work.last_angle, work.still
+    lastx[:] = np.nan  # nothing is known yet
     error, done = OK, 0
     m = 0
     for step in range(substeps):
@@ -210,6 +216,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             if found < 0 or found > work.pairs.other.size:
                 error = NOT_FINITE if found < 0 else MORE_PAIRS
                 break
+            lastx[:] = np.nan  # forces are kept by the place of a pair on the list
         for i in range(n):
             x[i] += 0.5 * h * vx[i]
             y[i] += 0.5 * h * vy[i]
@@ -217,17 +224,21 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             vx[i] *= damp
             vy[i] *= damp
             w[i] *= damp_spin
-            c[i], s[i] = math.cos(angle[i]), math.sin(angle[i])
+            still[i] = x[i] == lastx[i] and y[i] == lasty[i] and angle[i] == last_angle[i]
+            if not still[i]:
+                c[i], s[i] = math.cos(angle[i]), math.sin(angle[i])
+                lastx[i], lasty[i], last_angle[i] = x[i], y[i], angle[i]
             fx[i] = fy[i] = torque[i] = 0.0
         if magnets.cutoff > 0.0:
-            near = find_magnet_pairs(magnets, work.pairs, n, x, y, c, s, work.magnets)
-            add_magnet_forces(magnets, work.magnets, near, tiles.glues, fx, fy, torque)
+            near = find_magnet_pairs(magnets, work.pairs, n, x, y, c, s, still, work.magnets)
+            add_magnet_forces(magnets, work.pairs, n, work.magnets, near, tiles.glues, x, y,
+                              still, fx, fy, torque)
         drive((first + step + 0.5) * h, drive_parameters, x[:n], y[:n], angle[:n], vx[:n],
               vy[:n], w[:n], tiles.family, tiles.forward, fx, fy, torque)
 
         if reach > 0.0 or k.wall != 0:
             m = find_contacts(rows, work.pairs, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y,
-                              c, s, v.vx, v.vy, v.w, tiles.mobile)
+                              c, s, v.vx, v.vy, v.w, tiles.mobile, v.lastx)
             if m < 0:
                 error = MORE_ROWS
                 break
@@ -245,7 +256,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             rows.want0[:m] = np.maximum(rows.gap0[:m], 0.0) / h
             rows.want1[:m] = np.maximum(rows.gap1[:m], 0.0) / h
             apply_impulses(rows, m, im, ii, v)
-            passes = relax(rows, m, k, floor, im, ii, c, s, v)
+            passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
             counts.unconverged[0] += 1 if passes < 0 else 0
             counts.passes[0] += passes if passes >= 0 else -1 - passes
             remember(rows, m, state.impulses)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tbsa.kernels.geometry import circle_corner, square_square
-from tbsa.kernels.jit import columns, inline
+from tbsa.kernels.jit import U, columns, inline
 from tbsa.kernels.neighbours import Pairs
 
 CIRCLE, RECTANGLE = 1, 2
@@ -31,7 +31,7 @@ class Rows(NamedTuple):
 
     a: np.ndarray  # int64
     b: np.ndarray  # int64, n for the wall
-    count: np.ndarray  # int64, 1 or 2 points
+    points: np.ndarray  # int64, 1 or 2
     nx: np.ndarray  # normal from a to b
     ny: np.ndarray
     at: np.ndarray  # r . n from a and from b: the lever arms of friction
@@ -51,10 +51,13 @@ class Rows(NamedTuple):
     want1: np.ndarray
     base: np.ndarray  # N s, normal impulse already applied that friction may count on
     k00: np.ndarray  # 1/kg, velocity change of point 0 for a unit impulse at 0
-    k01: np.ndarray  # ... at 1
+    k01: np.ndarray  # ... at 1; in a row of one point, by a unit friction impulse
     k11: np.ndarray
     ktt: np.ndarray  # 1/kg, the same for friction
-    knt: np.ndarray  # 1/kg, normal velocity of point 0 for a unit friction impulse
+    i00: np.ndarray  # kg, inverses of these
+    i11: np.ndarray
+    itt: np.ndarray
+    idet: np.ndarray  # kg^2, of the 2 x 2 problem of a row; not a number where it has none
     vn0: np.ndarray  # m/s, normal velocities, see `approach`
     vn1: np.ndarray
     seen: np.ndarray  # int64, when the row was last solved
@@ -75,7 +78,7 @@ class Impulses(NamedTuple):
 
 def empty_rows(capacity: int) -> Rows:
     """Space for `capacity` manifolds."""
-    whole = {"a", "b", "count", "id0", "id1", "seen"}
+    whole = {"a", "b", "points", "id0", "id1", "seen"}
     return Rows(*columns(capacity, [int if f in whole else float for f in Rows._fields]))
 
 
@@ -88,7 +91,7 @@ def empty_impulses(capacity: int) -> Impulses:
 
 @inline
 def travel(h: float, width: float, vx: float, vy: float, w: float) -> float:
-    """The way that two bodies can close in a substep (m), and more for what speeds them up in it."""
+    """The way two bodies can close in a substep (m), and more for what speeds them up in it."""
     return h * (math.sqrt(vx * vx + vy * vy) + 0.7072 * width * w) + SPARE * width
 
 
@@ -96,25 +99,27 @@ def travel(h: float, width: float, vx: float, vy: float, w: float) -> float:
 def find_contacts(rows: Rows, pairs: Pairs, n: int, width: float, h: float, wall: int,
                   wall_x: float, wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray,
                   s: np.ndarray, vx: np.ndarray, vy: np.ndarray, w: np.ndarray,
-                  mobile: np.ndarray) -> int:
-    """Fill `rows`; returns their number, or -1 where they do not fit."""
+                  mobile: np.ndarray, far: np.ndarray) -> int:
+    """Fill `rows`; returns their number, or -1 where they do not fit.  `far` is scratch."""
     # Arrays are taken out of their tuples before a loop: Numba counts references at every
     # access through a tuple, which costs more than the access.
     start, other = pairs.start, pairs.other
-    ra, rb, rcount, rnx, rny, rat, rbt = (rows.a, rows.b, rows.count, rows.nx, rows.ny, rows.at,
+    ra, rb, rcount, rnx, rny, rat, rbt = (rows.a, rows.b, rows.points, rows.nx, rows.ny, rows.at,
                                           rows.bt)
     rid0, rgap0, ran0, rbn0 = rows.id0, rows.gap0, rows.an0, rows.bn0
     rid1, rgap1, ran1, rbn1 = rows.id1, rows.gap1, rows.an1, rows.bn1
     m = 0
     half = 0.5 * width
+    for a in range(n):  # a bound without a pair's own root, for a first look
+        far[a] = travel(h, width, vx[a], vy[a], abs(w[a]))
     for a in range(n):
+        far_a = far[a]
         for k in range(start[a], start[a + 1]):
-            b = other[k]
+            b = U(other[k])
             dx, dy = x[b] - x[a], y[b] - y[a]
-            margin = travel(h, width, vx[b] - vx[a], vy[b] - vy[a], abs(w[a]) + abs(w[b]))
-            far = 1.41422 * width + margin
-            if dx * dx + dy * dy > far * far:
+            if dx * dx + dy * dy > (1.41422 * width + far_a + far[b]) ** 2:
                 continue
+            margin = travel(h, width, vx[b] - vx[a], vy[b] - vy[a], abs(w[a]) + abs(w[b]))
             (count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt) = square_square(
                 dx, dy, c[a], s[a], c[b], s[b], width, margin)
             if count == 0:
@@ -128,7 +133,7 @@ def find_contacts(rows: Rows, pairs: Pairs, n: int, width: float, h: float, wall
             m += 1
         if wall == 0 or mobile[a] == 0.0:
             continue
-        margin = travel(h, width, vx[a], vy[a], abs(w[a]))
+        margin = far_a
         corner = 0.70711 * width + margin
         if wall == CIRCLE:
             near = wall_x - corner
@@ -165,7 +170,7 @@ def find_contacts(rows: Rows, pairs: Pairs, n: int, width: float, h: float, wall
 @inline
 def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
     """Give every point the impulse that it had in the last substep, or zero."""
-    ra, rb, count, rid0, rid1 = rows.a, rows.b, rows.count, rows.id0, rows.id1
+    ra, rb, count, rid0, rid1 = rows.a, rows.b, rows.points, rows.id0, rows.id1
     pn0, pn1, pt = rows.pn0, rows.pn1, rows.pt
     oa, ob, oid0, oid1 = old.a, old.b, old.id0, old.id1
     opn0, opn1, opt = old.pn0, old.pn1, old.pt
@@ -193,7 +198,7 @@ def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
 @inline
 def remember(rows: Rows, m: int, store: Impulses) -> None:
     """Store the impulses of the rows that carry any."""
-    ra, rb, count, rid0, rid1 = rows.a, rows.b, rows.count, rows.id0, rows.id1
+    ra, rb, count, rid0, rid1 = rows.a, rows.b, rows.points, rows.id0, rows.id1
     pn0, pn1, pt = rows.pn0, rows.pn1, rows.pt
     sa, sb, sid0, sid1 = store.a, store.b, store.id0, store.id1
     spn0, spn1, spt = store.pn0, store.pn1, store.pt

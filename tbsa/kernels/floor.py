@@ -53,8 +53,7 @@ def floor_impulse(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: fl
     """
     if law == SEPARATE:
         px, py = _disc(v0x, v0y, vx, vy, m, R)
-        pt, _ = _disc(w0, 0.0, w, 0.0, inertia, Q)
-        return px, py, pt
+        return px, py, interval(w0, w, inertia, Q)
     if law == COUPLED:
         if _gauge2(m * vx, m * vy, inertia * w, R, Q) <= 1.0:
             return -m * vx, -m * vy, -inertia * w
@@ -74,6 +73,17 @@ def _disc(v0x: float, v0y: float, vx: float, vy: float, m: float, R: float) -> A
     if m * s <= R:  # the mean velocity is zero
         return -m * sx, -m * sy
     return -R * (sx / s), -R * (sy / s)
+
+
+@inline
+def interval(v0: float, v: float, m: float, R: float) -> float:
+    """The law in one dimension: the disc without its square roots."""
+    if m * abs(v) <= R:
+        return -m * v
+    s = v0 + v
+    if m * abs(s) <= R:
+        return -m * s
+    return -R if s > 0.0 else R
 
 
 @inline

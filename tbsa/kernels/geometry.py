@@ -60,10 +60,7 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
         x, y, cos, sin, rc, rs = ax, ay, cos_ab, sin_ab, ca, sa
     else:
         x, y, cos, sin, rc, rs = bx, by, cos_ab, -sin_ab, cb, sb
-    if abs(x) >= abs(y):
-        face = 0 if x >= 0.0 else 2
-    else:
-        face = 1 if y >= 0.0 else 3
+    face = (0 if x >= 0.0 else 2) if abs(x) >= abs(y) else (1 if y >= 0.0 else 3)
     if face == 0:
         nx, ny = rc, rs
     elif face == 1:

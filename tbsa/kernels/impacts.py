@@ -80,7 +80,7 @@ def lone_impact(rows: Rows, i: int, k: Numbers, im: float, ii: float, v: Bodies)
     wall = b == k.n
     pn, pt = routh(vn, vt, knn, rows.ktt[i], knt, k.mu_wall if wall else k.mu,
                    k.e_wall if wall else k.e)
-    if rows.count[i] == 2:
+    if rows.points[i] == 2:
         an2, bn2 = (rows.an0[i], rows.bn0[i]) if second else (rows.an1[i], rows.bn1[i])
         vn_other += rows.k01[i] * pn + ii * (ma * an2 * at + mb * bn2 * bt) * pt
         if gap_other + k.h * vn_other < 0.0:
@@ -142,7 +142,7 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
     an impact.  The rows must be prepared; their impulses are used as scratch.
     """
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
-    ra, rb, gap0, gap1, count = rows.a, rows.b, rows.gap0, rows.gap1, rows.count
+    ra, rb, gap0, gap1, count = rows.a, rows.b, rows.gap0, rows.gap1, rows.points
     vn0, vn1, hit, want0, want1 = rows.vn0, rows.vn1, rows.seen, rows.want0, rows.want1
     pn0, pn1, k00, k11, mobile = rows.pn0, rows.pn1, rows.k00, rows.k11, v.mobile
     # What closes within the substep, faster than the threshold: bit 1 and 2 for the two points.
@@ -159,18 +159,14 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
     if struck == 0:
         return 0
     island, near = scratch.island, scratch.near
-    for i in range(k.n + 1):
-        island[i] = i
-        near[i] = 0
+    near[:] = 0
     touching = TOUCHING * k.width
     for i in range(m):
         if hit[i] != 0 or gap0[i] < touching or gap1[i] < touching:
             a, b = ra[i], rb[i]
             near[a] += 1
             near[b] += 1
-            if mobile[a] * mobile[b] != 0.0:
-                p, q = root(island, a), root(island, b)
-                island[max(p, q)] = min(p, q)
+
     together = False
     for i in range(m):
         a, b = ra[i], rb[i]
@@ -179,8 +175,18 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
             together = True
     if not together:
         return struck
+    for i in range(k.n + 1):
+        island[i] = i
+    for i in range(m):
+        a, b = ra[i], rb[i]
+        if (hit[i] != 0 or gap0[i] < touching or gap1[i] < touching) and (
+                mobile[a] * mobile[b] != 0.0):
+            p, q = root(island, a), root(island, b)
+            island[max(p, q)] = min(p, q)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
+    # What ten times the tolerance leaves is closed by the contact solve that follows.
+    rough = 10.0 * k.tolerance
     ux, uy, uw, most = scratch.ux, scratch.uy, scratch.uw, scratch.most
     for i in range(k.n):
         ux[i], uy[i], uw[i] = v.vx[i], v.vy[i], v.w[i]
@@ -193,7 +199,7 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
     pn1[:m] = 0.0
     rows.pt[:m] = 0.0
     rows.base[:m] = 0.0
-    relax(rows, m, k, floor, im, ii, c, s, v)
+    relax(rows, m, k, floor, im, ii, c, s, v, rough)
     limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
 
     # Decompression: at least e times the normal impulse of compression comes back.
@@ -214,6 +220,6 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
         apply_impulses(rows, m, im, ii, v)
         pn0[:m] = 0.0
         pn1[:m] = 0.0
-        relax(rows, m, k, floor, im, ii, c, s, v)
+        relax(rows, m, k, floor, im, ii, c, s, v, rough)
         limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
     return struck

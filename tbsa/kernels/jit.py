@@ -18,6 +18,10 @@ from typing import Any
 import numba
 import numpy as np
 
+# An index that came out of an array: unsigned, or Numba would look at every access whether it
+# is negative and counts from the end.
+U = np.uintp
+
 
 def source_hash(folder: Path = Path(__file__).parent) -> str:
     """Hash of every kernel source in `folder` and of the versions that compile them."""
@@ -40,6 +44,9 @@ def cache_folder() -> Path:
     return folder
 
 
+config: Any = numba.config
+
+
 class _InFolder:
     """Sets Numba's cache folder while a kernel is being declared, and only then."""
 
@@ -48,11 +55,11 @@ class _InFolder:
     def __enter__(self) -> None:
         if _InFolder.folder is None:
             _InFolder.folder = str(cache_folder())
-        self.before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = _InFolder.folder
+        self.before = config.CACHE_DIR
+        config.CACHE_DIR = _InFolder.folder
 
     def __exit__(self, *exc: object) -> None:
-        numba.config.CACHE_DIR = self.before
+        config.CACHE_DIR = self.before
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -21,7 +21,6 @@ import os
 import signal
 import threading
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -96,7 +95,7 @@ def _read_arrays(path: Path, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]
     except FileNotFoundError:
         raise InputError("is missing: not the folder of a run, or one that never began",
                          file=str(path)) from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # a damaged zip raises whatever its bytes happen to mean
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     missing = [name for name in needed if name not in arrays]
     if missing:
@@ -114,8 +113,7 @@ class _Writer:
 
     def __init__(self, path: Path, n: int, keep: int) -> None:
         self.dtype, self.count = _frame(n), keep
-        fresh = keep == 0
-        self.file = open(path, "w+b" if fresh else "r+b")  # noqa: SIM115
+        self.file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115
         self._header()
         self.begin = self.file.tell()
         self.file.truncate(self.begin + keep * self.dtype.itemsize)
@@ -147,22 +145,28 @@ class _Writer:
         self.file.close()
 
 
-def save_checkpoint(path: Path, simulation: Simulation) -> None:
-    """Write all that the next substep needs, and the counters so far."""
+def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
+    """Write all that the next substep needs, and the counters so far; `mark`: the fingerprint.
+
+    The number of pair lists is left out: lists are work of a process, not of the run, and
+    without it a resumed run ends in the same file as an uninterrupted one, byte for byte.
+    """
     state, impulses = simulation.state, simulation.state.impulses
     size = int(impulses.size[0])
     _write_arrays(path, {
-        "format": FORMAT, "fingerprint": fingerprint(simulation.scene),
-        "substep": simulation.substep,
+        "format": FORMAT, "fingerprint": mark, "substep": simulation.substep,
         **{name: getattr(state, name)[:-1] for name in FIELDS},
         **{f"impulse_{name}": getattr(impulses, name)[:size] for name in impulses._fields[1:]},
-        **{f"count_{name}": getattr(simulation.counts, name)
-           for name in simulation.counts._fields},
+        **{f"count_{name}": getattr(simulation.counts, name) for name in _kept(simulation)},
     })
 
 
-def load_checkpoint(path: Path, simulation: Simulation) -> None:
-    """Put a fresh simulation of the same scene into the state of a checkpoint.
+def _kept(simulation: Simulation) -> list[str]:
+    return [name for name in simulation.counts._fields if name != "lists"]
+
+
+def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
+    """Put a fresh simulation of the scene with fingerprint `mark` into a checkpoint's state.
 
     Raises
     ------
@@ -173,14 +177,13 @@ def load_checkpoint(path: Path, simulation: Simulation) -> None:
     names = state.impulses._fields[1:]
     data = _read_arrays(path, ("format", "fingerprint", "substep", *FIELDS,
                                *(f"impulse_{name}" for name in names),
-                               *(f"count_{name}" for name in counts._fields)))
-    if int(data["format"]) != FORMAT:
+                               *(f"count_{name}" for name in _kept(simulation))))
+    if data["format"].tolist() != FORMAT:
         raise InputError(f"must be {FORMAT}: written by another version", file=str(path),
-                         field="format", value=int(data["format"]))
-    own = fingerprint(simulation.scene)
-    if str(data["fingerprint"]) != own:
+                         field="format", value=data["format"].tolist())
+    if str(data["fingerprint"]) != mark:
         raise InputError(
-            f"belongs to another scene or seed: this one has {own[:12]}", file=str(path),
+            f"belongs to another scene or seed: this one has {mark[:12]}", file=str(path),
             field="fingerprint", value=str(data["fingerprint"])[:12],
         )
     n = simulation.numbers.n
@@ -195,7 +198,7 @@ def load_checkpoint(path: Path, simulation: Simulation) -> None:
     for name in names:
         getattr(state.impulses, name)[:size] = data[f"impulse_{name}"]
     state.impulses.size[0] = size
-    for name in counts._fields:
+    for name in _kept(simulation):
         getattr(counts, name)[:] = data[f"count_{name}"]
     simulation.substep = int(data["substep"])
 
@@ -211,30 +214,19 @@ def read_run(folder: str | Path) -> Records:
     folder = Path(folder)
     info = _read_info(folder)
     scene = load(folder / "scene.toml")
-    if fingerprint(scene) != info.get("fingerprint"):
+    if fingerprint(scene) != info["fingerprint"]:
         raise InputError(f"was changed after the run: run.json was written for another scene "
-                         f"({str(info.get('fingerprint'))[:12]})", file=str(folder / "scene.toml"),
+                         f"({info['fingerprint'][:12]})", file=str(folder / "scene.toml"),
                          field="fingerprint", value=fingerprint(scene)[:12])
-    layout = _read_layout(folder)
-    path = folder / "records.npy"
-    try:
-        data = np.load(path, mmap_mode="r", allow_pickle=False)
-    except FileNotFoundError:
-        raise InputError("is missing", file=str(path)) from None
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"is damaged: {error}", file=str(path)) from None
-    n = layout.x.size
-    if data.dtype != _frame(n) or data.ndim != 1:
-        raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
-    if data.size == 0:
-        raise InputError("holds no record yet", file=str(path))
+    layout = _read_layout(folder, scene)
+    data = _read_records(folder / "records.npy", layout)
     return Records(scene, layout, np.asarray(data["time"]), *(data[name] for name in FIELDS))
 
 
 def _read_info(folder: Path) -> dict[str, Any]:
     path = folder / "run.json"
     try:
-        info = json.loads(path.read_text())
+        info = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         raise InputError("is not the folder of a run: it has no run.json",
                          file=str(folder)) from None
@@ -244,15 +236,59 @@ def _read_info(folder: Path) -> dict[str, Any]:
         raise InputError(f"must be {FORMAT}: not written by this version of tbsa", file=str(path),
                          field="format",
                          value=info.get("format") if isinstance(info, dict) else info)
+    for name, kind in (("fingerprint", str), ("wall", float)):
+        if not isinstance(info.get(name), kind):
+            raise InputError(f"is damaged: must be a {kind.__name__}", file=str(path), field=name,
+                             value=info.get(name))
     return info
 
 
-_LAYOUT = ("x", "y", "angle", "vx", "vy", "omega", "type", "held", "seed")
+_LAYOUT = (*FIELDS, "type", "held", "seed")
 
 
-def _read_layout(folder: Path) -> Layout:
-    data = _read_arrays(folder / "layout.npz", _LAYOUT)
-    return Layout(*(data[name] for name in _LAYOUT))
+def _read_layout(folder: Path, scene: Scene) -> Layout:
+    path = folder / "layout.npz"
+    data = _read_arrays(path, _LAYOUT)
+    layout = Layout(*(data[name] for name in _LAYOUT))
+    n = (len(scene.seed.cells) if scene.seed else 0) + len(scene.free.tiles) + sum(
+        number for _, number in scene.free.counts)
+    if any(data[name].shape != (n,) for name in _LAYOUT):
+        raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
+    return layout
+
+
+def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
+    """The entries of a records file, checked against the layout that it must begin with."""
+    try:
+        data = np.load(path, mmap_mode="r", allow_pickle=False)
+    except FileNotFoundError:
+        raise InputError("is missing", file=str(path)) from None
+    except Exception as error:  # as in _read_arrays
+        raise InputError(f"is damaged: {error}", file=str(path)) from None
+    n = layout.x.size
+    if not isinstance(data, np.memmap) or data.dtype != _frame(n) or data.ndim != 1:
+        raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
+    if data.size == 0:
+        raise InputError("holds no record yet", file=str(path))
+    if data["time"][0] != 0.0 or any(
+            not np.array_equal(data[name][0], getattr(layout, name)) for name in FIELDS):
+        raise InputError("does not begin with this run's layout.npz: from another run",
+                         file=str(path))
+    return data
+
+
+def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> None:
+    """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s."""
+    data = _read_records(path, layout)
+    if data.size < keep or not np.allclose(data["time"][:keep], interval * np.arange(keep)):
+        raise InputError(f"must hold {keep} records, one every {interval:g} s, to go on from its "
+                         "checkpoint; record.interval has to stay what it was", file=str(path))
+    header = np.lib.format.header_data_from_array_1_0(np.empty(0, data.dtype))
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, header | {"shape": (keep,)})
+    if data.offset != buffer.tell():
+        raise InputError("was written by a version of NumPy that laid it out differently",
+                         file=str(path))
 
 
 @dataclass
@@ -266,13 +302,21 @@ class Outcome:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets, instead of breaking off in the middle."""
+    """An event that Ctrl-C or SIGTERM sets, instead of breaking off in the middle.
+
+    A second one breaks off: what the last checkpoint holds is safe.
+    """
     event = threading.Event()
+
+    def stop(*_: object) -> None:
+        if event.is_set():
+            raise KeyboardInterrupt
+        event.set()
+
     if threading.current_thread() is not threading.main_thread():
         yield event
         return
-    before = {number: signal.signal(number, lambda *_: event.set())
-              for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield event
     finally:
@@ -289,7 +333,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
     scene
         The scene.
     folder
-        The run's folder; it is made.  It must not hold a run yet, unless `resume`.
+        The run's folder; it is made.  It must be new or empty, unless `resume`.
     resume
         Go on from the folder's checkpoint, to the same bits as without the break.
     progress
@@ -303,52 +347,59 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
     SimulationError
         Where the scene cannot be simulated.
     """
-    folder = Path(folder)
-    existing = (folder / "run.json").exists()
-    if existing and not resume:
-        raise InputError("holds a run already: resume it (--resume) or name another (--out)",
-                         file=str(folder))
+    folder, mark = Path(folder), fingerprint(scene)
     if resume:
-        _read_info(folder)
-        layout = _read_layout(folder)
-        simulation = Simulation(scene, layout)
-        load_checkpoint(folder / "checkpoint.npz", simulation)
+        info = _read_info(folder)
+        if info["fingerprint"] != mark:
+            raise InputError(f"was written for another scene or seed: this one has {mark[:12]}",
+                             file=str(folder / "run.json"), field="fingerprint",
+                             value=info["fingerprint"][:12])
+        simulation = Simulation(scene, _read_layout(folder, scene))
+        load_checkpoint(folder / "checkpoint.npz", simulation, mark)
+        earlier = info["wall"]
     else:
         if folder.exists() and not folder.is_dir():
             raise InputError("is a file, not a folder", file=str(folder))
-        simulation = Simulation(scene)
+        if (folder / "run.json").exists():
+            raise InputError("holds a run already: resume it (--resume) or name another (--out)",
+                             file=str(folder))
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError("must be a new or an empty folder", file=str(folder))
+        simulation, earlier = Simulation(scene), 0.0
     with _interrupts() as stop:
-        return _write_run(scene, folder, simulation, resume, progress, stop)
+        return _write_run(folder, simulation, mark, earlier, resume, progress, stop)
 
 
-def _write_run(scene: Scene, folder: Path, simulation: Simulation, resume: bool,
+def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,
                progress: Callable[[Simulation, bool], None] | None,
                stop: threading.Event) -> Outcome:
     begin = time.perf_counter()
-    earlier = _read_info(folder).get("wall", 0.0) if resume else 0.0
+    scene = simulation.scene
     every = round(scene.record.interval / simulation.h)
     save_every = every * round(scene.record.checkpoint / scene.record.interval)
     end = round(scene.run.duration / simulation.h)
-    if not resume:
-        folder.mkdir(parents=True, exist_ok=True)
-        layout = simulation.layout
-        _write_arrays(folder / "layout.npz", {name: getattr(layout, name) for name in _LAYOUT})
+    path = folder / "records.npy"
     # An end off the grid of record times leaves an entry of its own; going on drops it.
     keep = simulation.substep // every + 1 if resume else 0
-    path = folder / "records.npy"
-    if resume and (not path.exists() or path.stat().st_size < keep * _frame(
-            simulation.numbers.n).itemsize):
-        raise InputError(f"is missing or too short: the checkpoint has seen {keep} records",
-                         file=str(path))
+    if resume:
+        _check_records(path, simulation.layout, keep, every * simulation.h)
+    else:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"must be a folder that can be made: {error.strerror}",
+                             file=str(folder)) from None
+        _write_arrays(folder / "layout.npz",
+                      {name: getattr(simulation.layout, name) for name in _LAYOUT})
     records = _Writer(path, simulation.numbers.n, keep)
 
     def save() -> None:
         records.sync()
-        save_checkpoint(folder / "checkpoint.npz", simulation)
+        save_checkpoint(folder / "checkpoint.npz", simulation, mark)
         counts = {name: np.asarray(value).tolist()
                   for name, value in simulation.counts._asdict().items()}
         info = {
-            "format": FORMAT, "version": _version(), "fingerprint": fingerprint(scene),
+            "format": FORMAT, "version": _version(), "fingerprint": mark,
             "time": simulation.time, "finished": simulation.substep >= end,
             "wall": earlier + time.perf_counter() - begin,
             "counts": {k: v[0] if len(v) == 1 else v for k, v in counts.items()},

@@ -17,6 +17,7 @@ from tbsa.kernels import drives
 from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
 from tbsa.kernels.impacts import empty_scratch
+from tbsa.kernels.jit import columns
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
@@ -89,20 +90,21 @@ class Simulation:
         self.h = scene.solver.step / scene.solver.substeps
         ground = np.zeros(1)
         capacity = 16 * n + 16
-        self.state = core.State(
-            *(np.concatenate([np.asarray(v, float), ground])
-              for v in (layout.x, layout.y, layout.angle, layout.vx, layout.vy, layout.omega)),
-            impulses=empty_impulses(capacity + 2 * n + 64),
+        free = np.where(layout.held, 0.0, 1.0)
+        x, y, angle, vx, vy, omega = (
+            np.concatenate([np.asarray(values, float), ground])
+            for values in (layout.x, layout.y, layout.angle, layout.vx * free,
+                           layout.vy * free, layout.omega * free)
         )
+        self.state = core.State(x, y, angle, vx, vy, omega,
+                                empty_impulses(capacity + 2 * n + 64))
         types = scene.types
         self.tiles = core.Tiles(
-            np.concatenate([np.where(layout.held, 0.0, 1.0), ground]),
+            np.concatenate([free, ground]),
             np.array([types[t].glues for t in layout.type], np.int64).reshape(-1),
             np.array([types[t].family for t in layout.type], float),
             np.array([EDGE_ANGLE[types[t].forward] for t in layout.type], float),
         )
-        for i in (3, 4, 5):
-            self.state[i][:n][layout.held] = 0.0
         wall_friction, wall_restitution = (wall.friction, wall.restitution) if wall else (0.0, 0.0)
         circle = wall is not None and wall.shape == "circle"
         self.numbers = Numbers(
@@ -135,9 +137,11 @@ class Simulation:
 
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
+        c, sin, lastx, lasty, last_angle, fx, fy, torque = columns(n, [float] * 8)
         return core.Work(
             empty_pairs(n, capacity), empty_rows(capacity + 2 * n + 64), empty_bodies(n),
-            empty_bodies(n), empty_scratch(n), *(np.zeros(n) for _ in range(5)),
+            empty_bodies(n), empty_scratch(n), c, sin, lastx, lasty, last_angle,
+            np.zeros(n, bool), fx, fy, torque,
             empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
         )
 

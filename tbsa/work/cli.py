@@ -7,7 +7,9 @@ nothing written; 130 interrupted, saved.
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"tbsa: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:  # before the run began, or a second Ctrl-C
+        return 130
     except BrokenPipeError:
         return 1
     except (OSError, RuntimeError) as error:
@@ -81,12 +85,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
     scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
-    with _Bar(scene, disable=arguments.quiet) as bar:
+    with Bar(scene, arguments.quiet) as bar:
         outcome = run(scene, folder, resume=arguments.resume, progress=bar.show)
     simulation = outcome.simulation
     if not outcome.finished:
-        print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  tbsa run "
-              f"{arguments.config} --out {folder} --resume", file=sys.stderr)
+        again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
+                            "--resume"])
+        print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  {again}",
+              file=sys.stderr)
         return 130
     print(summary(scene, simulation, outcome.wall))
     print(f"run in {folder}")
@@ -116,21 +122,25 @@ def summary(scene: Scene, simulation: Simulation, wall: float) -> str:
     return "\n".join(lines)
 
 
-class _Bar:
-    """Progress: simulated time, times real time, size of the assembly."""
+class Bar:
+    """Progress: simulated time, times real time, size of the assembly.
 
-    def __init__(self, scene: Scene, disable: bool) -> None:
+    Shown on a terminal only; its clock starts when the kernels have been compiled.
+    """
+
+    def __init__(self, scene: Scene, quiet: bool = False) -> None:
         from tqdm import tqdm
 
         self.scene = scene
         self.bar = tqdm(
-            total=scene.run.duration, unit="s", disable=disable, dynamic_ncols=True,
+            total=scene.run.duration, unit="s", disable=quiet or None, dynamic_ncols=True,
             bar_format="{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]",
         )
+        self.bar.set_postfix_str("compiling, half a minute the first time")
         self.size: int | None = None
         self.start: float | None = None
 
-    def __enter__(self) -> _Bar:
+    def __enter__(self) -> Bar:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -142,6 +152,7 @@ class _Bar:
             return
         if self.start is None:
             self.start = self.bar.initial = simulation.time
+            self.bar.start_t = time.time()
         if (recorded or self.size is None) and self.scene.seed is not None:
             from tbsa.work.metrics import size
 

@@ -1,0 +1,37 @@
+"""Make all figures whose data are there: python -m figures [NAME ...]."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from figures.style import look, save
+
+HERE = Path(__file__).parent
+SCRIPTS = sorted(path.stem for path in HERE.glob("*.py")
+                 if path.stem != "style" and not path.stem.startswith("_"))
+
+
+def main(names: list[str]) -> int:
+    """Make the figures of these names, or all; returns 1 where data of a named one are missing."""
+    if unknown := set(names) - set(SCRIPTS):
+        print(f"there is no figure {', '.join(sorted(unknown))}; there are {', '.join(SCRIPTS)}",
+              file=sys.stderr)
+        return 2
+    code = 0
+    for name in names or SCRIPTS:
+        script = import_module(f"figures.{name}")
+        missing = [str(path) for path in script.DATA if not Path(path).exists()]
+        if missing:
+            print(f"{name}: left out, needs {', '.join(missing)}")
+            code = 1 if names else 0
+            continue
+        with look():
+            paths = save(script.make(), name)
+        print(f"{name}: {', '.join(str(path.relative_to(HERE.parent)) for path in paths)}")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

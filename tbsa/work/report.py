@@ -1,0 +1,193 @@
+"""What a scene holds and what its tile set can do: the text of ``tbsa check``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from tbsa.model.layout import Layout, initial_layout
+from tbsa.model.scene import EDGES, Drive, Scene
+from tbsa.model.simulation import floor_limits
+from tbsa.model.tiles import check, ground_truth
+
+ROWS = 40  # of the table of wrong tiles; the most dangerous come first
+
+
+def describe(scene: Scene) -> str:
+    """A scene in words and numbers, then the check of its tile set.
+
+    The random tiles are placed, so that a scene whose tiles do not fit is refused here as it
+    would be by a run.
+
+    Raises
+    ------
+    InputError
+        Where the random tiles do not fit.
+    """
+    layout = initial_layout(scene)
+    head = [line for line in (scene.title, scene.file) if line]
+    parts = [
+        ("tiles", _tiles(scene, layout)),
+        ("reactor", _reactor(scene, layout)),
+        ("magnets", _magnets(scene)),
+        ("drive", _drive(scene.drive)),
+        ("floor", _floor(scene)),
+        ("solver", _solver(scene)),
+        ("run", _run(scene)),
+        ("pattern", _pattern(scene)),
+    ]
+    width = max(len(name) for name, _ in parts) + 2
+    body = [
+        (name if k == 0 else "").ljust(width) + line
+        for name, lines in parts
+        for k, line in enumerate(lines)
+    ]
+    return "\n".join([*head, *([""] if head else []), *body])
+
+
+def aligned(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """A table in plain text: words to the left, numbers to the right."""
+    rows = list(rows)
+    cells = [list(head), *([str(value) for value in row] for row in rows)]
+    columns = list(zip(*cells, strict=True))
+    number = [all(isinstance(row[k], int) for row in rows) for k in range(len(head))]
+    widths = [max(map(len, column)) for column in columns]
+    return [
+        "  ".join(
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(line, widths, number, strict=True)
+        ).rstrip()
+        for line in cells
+    ]
+
+
+def _tiles(scene: Scene, layout: Layout) -> list[str]:
+    seed = int(layout.seed.sum())
+    held = int((layout.held & ~layout.seed).sum())
+    total = layout.x.size
+    free = total - seed - held
+    parts = f"{seed} of the seed, {free} free" + (f", {held} held beside it" if held else "")
+    edges = " ".join(EDGES)
+    rows = []
+    for k, kind in enumerate(scene.types):
+        mine = layout.type == k
+        glues = " ".join(f"{glue:+d}" if glue else " 0" for glue in kind.glues)
+        rows.append((kind.name, glues, kind.colour, f"{kind.family:+d}" if kind.family else " 0",
+                     kind.forward, int((mine & layout.seed).sum()),
+                     int((mine & ~layout.seed).sum())))
+    head = ("type", f"glues {edges}", "colour", "family", "forward", "seed", "beside it")
+    body = scene.material
+    return [
+        f"{total}: {parts}; {body.width:g} m wide, {body.mass:g} kg",
+        *aligned(head, rows),
+    ]
+
+
+def _reactor(scene: Scene, layout: Layout) -> list[str]:
+    wall = scene.reactor
+    if wall is None:
+        return ["none: the floor has no end"]
+    if wall.shape == "circle":
+        what, area = f"circle, radius {wall.radius:g} m", math.pi * wall.radius**2
+    else:
+        what, area = f"rectangle, {wall.width:g} m x {wall.height:g} m", wall.width * wall.height
+    share = layout.x.size * scene.material.width**2 / area
+    return [f"{what}; the tiles cover {100 * share:.1f} % of it"]
+
+
+def _magnets(scene: Scene) -> list[str]:
+    magnet = scene.magnet
+    if magnet is None:
+        return ["none: tiles do not bond"]
+    contact = magnet.alpha / (2 * magnet.inset + magnet.beta) ** 2
+    other = "repels" if magnet.mismatch else "does nothing"
+    return [f"{contact:.4g} N between the two magnets of a bond, none beyond {magnet.cutoff:g} m; "
+            f"what does not attract {other}"]
+
+
+def _drive(drive: Drive | None) -> list[str]:
+    if drive is None:
+        return ["none"]
+    if drive.kind == "user":
+        values = ", ".join(f"{value:g}" for value in drive.parameters)
+        return [f"{drive.function} of {drive.module}, parameters ({values})"]
+    if drive.kind == "constant":
+        assert isinstance(drive.force, tuple)
+        return [f"constant, ({drive.force[0]:g}, {drive.force[1]:g}) N and {drive.torque:g} N m"]
+    turn = f", {drive.torque:g} N m" if drive.kind == "unicycle" else ""
+    return [f"{drive.kind}, {drive.force:g} N{turn}, {drive.frequency:g} Hz"]
+
+
+def _floor(scene: Scene) -> list[str]:
+    floor, drive = scene.floor, scene.drive
+    if floor is None:
+        return ["no friction"]
+    force, torque = floor_limits(scene)
+    lines = [f"{floor.law} friction, at most {force:.4g} N and {torque:.4g} N m on a tile"]
+    if drive is not None and drive.kind != "user":
+        most = math.hypot(*drive.force) if isinstance(drive.force, tuple) else drive.force
+        lines.append(_against("force", most, force, "move"))
+        if drive.kind != "shaking":
+            lines.append(_against("torque", abs(drive.torque), torque, "turn"))
+    return lines
+
+
+def _against(what: str, load: float, limit: float, verb: str) -> str:
+    if load == 0.0:
+        return f"the drive has no {what}"
+    if limit == 0.0:
+        return f"the drive's {what} meets no friction"
+    verdict = f"{verb}s" if load > limit else f"does not {verb}"
+    return f"the drive's {what} is {load / limit:.3g} x the floor's: it {verdict} a lone tile"
+
+
+def _solver(scene: Scene) -> list[str]:
+    solver = scene.solver
+    h = solver.step / solver.substeps
+    return [f"substep {h:.4g} s ({solver.substeps} in {solver.step:.4g} s), at most "
+            f"{solver.passes} passes to {solver.tolerance:g} m/s"]
+
+
+def _run(scene: Scene) -> list[str]:
+    run, record = scene.run, scene.record
+    return [f"{run.duration:g} s, random seed {run.seed}; a record every {record.interval:g} s, "
+            f"a checkpoint every {record.checkpoint:g} s"]
+
+
+def _pattern(scene: Scene) -> list[str]:
+    if scene.seed is None:
+        return ["no seed, so nothing to grow from"]
+    types = scene.types
+    growth = ground_truth(scene)
+    sites = len(growth.types) - len(growth.seed)
+    at = f"at temperature {scene.temperature}"
+    if growth.conflict is None:
+        lines = [f"directed {at}: the seed grows by {sites} sites, to one ground truth"]
+    else:
+        column, row = growth.conflict.site
+        rivals = " or ".join(types[k].name for k in growth.conflict.types)
+        lines = [
+            f"not directed {at}: site (column {column}, row {row}) can take {rivals};",
+            "errors are then the attached tiles that do not match all their neighbours",
+            f"(one of the patterns that can grow has {sites} sites beside the seed's)",
+        ]
+    found = check(types, growth)
+    if not found:
+        return [*lines, "no wrong tile and no wrong turn could bind to it anywhere"]
+    head = ("in place of", "type", "turned", "glues", "matching edges", "repelled", "sites")
+    rows = [
+        (trap.wanted, trap.offered, f"{90 * trap.turns} deg", trap.matches, trap.arrangement,
+         trap.mismatches, trap.sites)
+        for trap in found[:ROWS]
+    ]
+    counts = np.bincount([trap.matches for trap in found], minlength=3)
+    lines += [
+        f"wrong tiles or turns that could bind: {counts[1]} by one glue, "
+        f"{counts[2:].sum()} by two or more",
+        *aligned(head, rows),
+    ]
+    if len(found) > ROWS:
+        lines.append(f"and {len(found) - ROWS} more")
+    return lines

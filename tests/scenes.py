@@ -1,0 +1,89 @@
+"""Small scenes for tests: placed tiles, and only the parts of the physics that are asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tbsa.model.scene import (
+    SETS,
+    Drive,
+    Floor,
+    Free,
+    Magnet,
+    Material,
+    PlacedTile,
+    Reactor,
+    Record,
+    Scene,
+    Solver,
+    TileType,
+)
+from tbsa.model.simulation import Simulation
+
+WIDTH, MASS, GRAVITY = 0.03, 0.016, 9.81
+INERTIA = MASS * WIDTH**2 / 6.0
+MU = 0.25
+SLIDING = MU * MASS * GRAVITY  # N, what the floor holds of a tile
+PLAIN = (TileType("tile", (0, 0, 0, 0), "grey"),)
+CHESSBOARD = SETS["chessboard"]
+FRICTIONLESS = Floor(linear=0.0, angular=0.0)
+
+
+def tile(x=0.0, y=0.0, angle=0.0, vx=0.0, vy=0.0, spin=0.0, *, held=False, kind="tile"):
+    """A placed tile (m, rad, m/s, rad/s)."""
+    return PlacedTile(kind, (x, y), angle, (vx, vy), spin, held)
+
+
+def material(**changes):
+    """A body without damping and with exact restitution at every speed, but for `changes`."""
+    exact = {"linear_damping": 0.0, "angular_damping": 0.0, "restitution_threshold": 0.0}
+    return Material(**{name: float(value) for name, value in (exact | changes).items()})
+
+
+def scene(tiles, *, body=None, types=PLAIN, reactor=None, magnet=None, drive=None, floor=None,
+          step=1 / 120, substeps=4, tolerance=1e-12, passes=5000, file=""):
+    """A validated scene of `tiles`; nothing else is in it unless given.
+
+    The default tolerance is far below the simulator's own: tests look at the physics of the
+    solved contacts, not at where the solver stops.
+    """
+    result = Scene(
+        types=types, material=body or material(), reactor=reactor, free=Free((), tuple(tiles)),
+        magnet=magnet, drive=drive, floor=floor, file=file,
+        solver=Solver(step, substeps, tolerance, passes), record=Record(3600 * step, 3600 * step),
+    )
+    result.validate()
+    return result
+
+
+def simulate(tiles, **parts):
+    """A simulation of :func:`scene`."""
+    return Simulation(scene(tiles, **parts))
+
+
+def state(simulation):
+    """All positions and velocities, shape (6, n), copied."""
+    s = simulation
+    return np.array([s.x, s.y, s.angle, s.vx, s.vy, s.omega])
+
+
+def momentum(simulation):
+    """Momentum (x, y) and angular momentum about the origin, each with its scale."""
+    s, k = simulation, simulation.numbers
+    m, inertia = k.mass, k.inertia
+    speed, distance = np.hypot(s.vx, s.vy), np.hypot(s.x, s.y)
+    spin = m * (s.x * s.vy - s.y * s.vx) + inertia * s.omega
+    return (np.array([m * s.vx.sum(), m * s.vy.sum(), spin.sum()]),
+            np.array([m * speed.sum(), m * speed.sum(),
+                      (m * distance * speed + inertia * np.abs(s.omega)).sum()]))
+
+
+def turned(x, y, angle):
+    """A point turned about the origin."""
+    c, s = math.cos(angle), math.sin(angle)
+    return c * x - s * y, s * x + c * y
+
+
+__all__ = [name for name in globals() if not name.startswith("_")]

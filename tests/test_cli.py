@@ -1,0 +1,608 @@
+"""The command line, the README's examples, and everything that must be refused."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from malformed import MALFORMED
+
+import tbsa
+from tbsa.model import records
+from tbsa.work import cli
+from tbsa.work.cli import main
+
+ROOT = Path(__file__).parents[1]
+SCENE = """
+title = "A small reactor"
+[tiles]
+set = "chessboard"
+[seed]
+shape = "cross"
+arm = 1
+[reactor]
+shape = "circle"
+radius = 0.14
+[free]
+number = 26
+[magnet]
+[drive]
+kind = "unicycle"
+force = 0.1
+torque = 3e-3
+frequency = 0.5
+[floor]
+[record]
+interval = 0.5
+checkpoint = 1.0
+[run]
+duration = 2.0
+seed = 5
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a finished run of the scene; not to be written to."""
+    home = tmp_path_factory.mktemp("finished")
+    (home / "scene.toml").write_text(SCENE)
+    assert main(["run", str(home / "scene.toml"), "--out", str(home / "run"), "--quiet"]) == 0
+    return home / "run"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder to be in, with scene.toml."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path
+
+
+@pytest.fixture
+def run(here, finished):
+    """A copy of the finished run, in ./run."""
+    shutil.copytree(finished, here / "run")
+    return here / "run"
+
+
+def contents(folder):
+    """Every file below a folder, with its bytes."""
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*")
+            if path.is_file()}
+
+
+def refused(capsys, here, *arguments):
+    """The one line with which a command refuses its input, having written nothing."""
+    before, folders = contents(here), sorted(here.rglob("*"))
+    capsys.readouterr()
+    assert main([str(argument) for argument in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("tbsa: ")
+    assert err.count("\n") == 1, err
+    assert contents(here) == before
+    assert sorted(here.rglob("*")) == folders
+    return err
+
+
+# ---------------------------------------------------------------------------------------------
+# What it does.
+
+
+def test_version_and_help(capsys):
+    for arguments, shown in ((["--version"], f"tbsa {tbsa.__version__}\n"),
+                             (["--help"], "check"), (["run", "--help"], "--resume")):
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        assert end.value.code == 0
+        assert shown in capsys.readouterr().out
+
+
+def test_a_command_is_needed(capsys):
+    for arguments in ([], ["simulate"], ["run"]):
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        assert end.value.code == 2
+        assert "error: " in capsys.readouterr().err
+
+
+def test_the_installed_command_is_this_one():
+    shown = subprocess.run([sys.executable, "-m", "tbsa.work.cli", "--version"], cwd=ROOT,
+                           capture_output=True, text=True, check=True).stdout
+    assert shown == f"tbsa {tbsa.__version__}\n"
+    assert 'tbsa = "tbsa.work.cli:main"' in (ROOT / "pyproject.toml").read_text()
+
+
+def test_run_ends_with_a_summary(here, capsys):
+    assert main(["run", "scene.toml", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith("2 s simulated in ")
+    assert "of the seed" in out
+    assert out.endswith("run in runs/scene-5\n")
+    assert sorted(path.name for path in (here / "runs" / "scene-5").iterdir()) == [
+        "checkpoint.npz", "layout.npz", "records.npy", "run.json", "scene.toml"]
+
+
+def test_seed_and_duration_take_the_place_of_the_scenes(here, capsys):
+    assert main(["run", "scene.toml", "--seed", "9", "--duration", "0.5", "--quiet"]) == 0
+    found = tbsa.read_run("runs/scene-9")
+    assert found.time.tolist() == [0.0, 0.5]
+    assert found.scene.run.seed == 9
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(here, finished, capsys, monkeypatch):
+    monkeypatch.setattr(records, "GLANCE", 1e-5)
+    monkeypatch.setattr(cli.Bar, "show", lambda bar, simulation, recorded: (
+        os.kill(os.getpid(), signal.SIGINT) if simulation.time > 0.7 else None))
+    # Other words than the scene's own, which the resumed run must not fall back to.
+    assert main(["run", "scene.toml", "--seed", "6", "--duration", "1.5", "--out", "a run"]) == 130
+    out, err = capsys.readouterr()
+    assert out == ""
+    stopped, command = err.splitlines()[-2:]
+    assert re.fullmatch(r"stopped at \d\.\d s and saved; go on with", stopped)
+    assert command == "  tbsa run 'a run/scene.toml' --out 'a run' --resume"
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    assert main(["run", "a run/scene.toml", "--out", "a run", "--resume", "--quiet"]) == 0
+    assert main(["run", "scene.toml", "--seed", "6", "--duration", "1.5", "--out", "b",
+                 "--quiet"]) == 0
+    for name in ("records.npy", "checkpoint.npz", "scene.toml"):
+        assert (here / "a run" / name).read_bytes() == (here / "b" / name).read_bytes()
+
+
+def test_ctrl_c_before_the_run_begins_ends_without_a_word(here, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(records, "run", interrupt)
+    assert main(["run", "scene.toml", "--quiet"]) == 130
+    assert capsys.readouterr().err == ""
+    assert [path.name for path in here.iterdir()] == ["scene.toml"]
+
+
+def test_the_progress_bar_shows_time_speed_and_size(here, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert main(["run", "scene.toml"]) == 0
+    err = capsys.readouterr().err
+    assert "0/2 s" in err
+    assert "2/2 s" in err
+    assert re.search(r"\d x real time, \d+ attached", err)
+
+
+def test_metrics_prints_and_writes_the_table(run, capsys):
+    assert main(["metrics", "run"]) == 0
+    out = capsys.readouterr().out
+    written = (run / "metrics.csv").read_text().splitlines()
+    assert out.split()[:3] == ["time", "size", "total"]
+    assert len(written) == 1 + 5
+    assert written[0].startswith("time,size,total,errors,errors_percent,holes")
+    assert [line.split(",")[0] for line in written[1:]] == ["0.0", "0.5", "1.0", "1.5", "2.0"]
+    assert main(["metrics", "run", "--out", "other.csv"]) == 0
+    assert Path("other.csv").read_text().splitlines() == written
+
+
+@pytest.mark.parametrize(("arguments", "name"), [
+    ([], "run/t2.png"), (["--time", "0.6"], "run/t0.5.png"), (["--out", "now.svg"], "now.svg"),
+    (["--out", "now.pdf", "--glues", "--time", "1"], "now.pdf")])
+def test_draw_writes_a_picture_of_the_record_nearest_to_the_time(run, capsys, arguments, name):
+    assert main(["draw", "run", *arguments]) == 0
+    assert capsys.readouterr().out.endswith(f"written to {name}\n")
+    assert Path(name).read_bytes()[:4] in (b"\x89PNG", b"<?xm", b"%PDF")
+
+
+# ---------------------------------------------------------------------------------------------
+# check
+
+
+def checked(capsys, text, name="scene.toml"):
+    Path(name).write_text(text)
+    assert main(["check", name]) == 0
+    return capsys.readouterr().out
+
+
+def line_with(text, words):
+    (line,) = [line for line in text.splitlines() if words in line]
+    return line
+
+
+def test_check_tells_what_a_scene_contains(here, capsys):
+    out = checked(capsys, SCENE)
+    assert out.splitlines()[:2] == ["A small reactor", "scene.toml"]
+    assert "31: 5 of the seed, 26 free" in out
+    assert line_with(out, "black  +1 +2").split() == [
+        "black", "+1", "+2", "+1", "+2", "black", "+1", "N", "1", "13"]
+    share = 100 * 31 * 0.03**2 / (np.pi * 0.14**2)
+    assert f"circle, radius 0.14 m; the tiles cover {share:.1f} % of it" in out
+    assert "unicycle, 0.1 N, 0.003 N m, 0.5 Hz" in out
+    assert "0.03924 N and 0.0006797 N m" in out  # 0.25 m g, 0.25 m g w / sqrt(3)
+    assert f"force is {0.1 / 0.03924:.3g} x the floor's: it moves a lone tile" in out
+    assert f"torque is {3e-3 / 6.797e-4:.3g} x the floor's: it turns a lone tile" in out
+    assert "substep 0.002083 s (4 in 0.008333 s)" in out
+    assert "0.2037 N between the two magnets of a bond" in out
+    assert list(here.iterdir()) == [here / "scene.toml"]
+
+
+def test_check_tells_what_the_drive_cannot_do(here, capsys):
+    out = checked(capsys, SCENE.replace("force = 0.1", "force = 0.03").replace("3e-3", "0.0"))
+    assert "it does not move a lone tile" in out
+    assert "the drive has no torque" in out
+
+
+def test_check_of_a_set_without_traps(here, capsys):
+    out = checked(capsys, SCENE)
+    assert "directed at temperature 2: the seed grows by " in out
+    assert "no wrong tile and no wrong turn could bind" in out
+
+
+def test_check_lists_what_could_bind_wrongly(here, capsys):
+    # Of this set the right colour binds after a quarter turn either way, at opposite edges.
+    out = checked(capsys, SCENE.replace('"chessboard"', '"chessboard-oriented"')
+                  .replace("arm = 1", "arm = 3")
+                  .replace("radius = 0.14", "radius = 0.2"))
+    head = out.splitlines().index(line_with(out, "in place of"))
+    rows = [line.split() for line in out.splitlines()[head + 1 :]]
+    assert all(row[0] == row[1] and row[2:4] in (["90", "deg"], ["270", "deg"]) for row in rows)
+    assert {row[5] for row in rows if row[4] == "2"} == {"opposite"}
+    by_one, by_two = ([row[4] for row in rows].count(number) for number in "12")
+    assert min(by_one, by_two) > 0
+    assert f"could bind: {by_one} by one glue, {by_two} by two or more" in out
+
+
+def test_check_names_the_site_where_a_set_is_not_directed(here, capsys):
+    types = "".join(f'[[tiles.type]]\nname = "{name}"\nglues = {glues}\ncolour = "{name}"\n'
+                    for name, glues in (("grey", [1, 1, 0, 0]), ("red", [0, 0, -1, -1]),
+                                        ("blue", [0, 0, -1, -1])))
+    out = checked(capsys, types + "[seed]\nshape = \"cells\"\n"
+                  'cells = [[1, 0, "grey"], [0, 1, "grey"]]\n')
+    assert "not directed at temperature 2: site (column 1, row 1) can take red or blue" in out
+    assert "no friction" in out
+    assert "none: tiles do not bond" in out
+
+
+def test_check_of_a_scene_without_a_seed(here, capsys):
+    out = checked(capsys, '[tiles]\nset = "chessboard"\n[[free.tile]]\ntype = "black"\n'
+                  "position = [0.0, 0.0]\n")
+    assert "no seed, so nothing to grow from" in out
+    assert "none: the floor has no end" in out
+
+
+def test_check_refuses_tiles_that_do_not_fit(here, capsys):
+    (here / "scene.toml").write_text(SCENE.replace("number = 26", "number = 60"))
+    assert "free.counts: 60 random tiles must fit" in refused(capsys, here, "check", "scene.toml")
+
+
+# ---------------------------------------------------------------------------------------------
+# What must be refused: exit code 2, one line, nothing written.
+
+
+@pytest.mark.parametrize(("text", "name", "fragment"), [row[1:] for row in MALFORMED],
+                         ids=[row[0] for row in MALFORMED])
+def test_a_malformed_scene_is_refused(here, capsys, text, name, fragment):
+    (here / "scene.toml").write_text(text)
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run")
+    assert line.startswith(f"tbsa: scene.toml: {name}: " if name else "tbsa: scene.toml: ")
+    assert fragment in line
+    assert refused(capsys, here, "check", "scene.toml") == line
+
+
+def test_a_typing_error_gets_a_suggestion(here, capsys):
+    (here / "scene.toml").write_text(SCENE.replace("torque =", "torqe ="))
+    line = refused(capsys, here, "run", "scene.toml")
+    assert "drive.torqe" in line
+    assert 'did you mean "torque"?' in line
+
+
+def test_a_scene_that_is_no_file_is_refused(here, capsys):
+    (here / "folder").mkdir()
+    (here / "bytes.toml").write_bytes(b"\xff\xfe\x00")
+    for name, reason in (("missing.toml", "No such file"), ("folder", "Is a directory"),
+                         ("scene.toml/x", "Not a directory"), ("bytes.toml", "in UTF-8")):
+        line = refused(capsys, here, "run", name, "--out", "run")
+        assert line.startswith(f"tbsa: {name}: ")
+        assert reason in line
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--duration", "-1"], "run.duration: -1.0 must be a number above 0"),
+    (["--duration", "0"], "run.duration: 0.0 must be"),
+    (["--duration", "nan"], "run.duration: nan must be"),
+    (["--duration", "inf"], "run.duration: inf must be"),
+    (["--seed", "-1"], "run.seed: -1 must be an integer from 0"),
+    (["--seed", str(2**63)], "run.seed: 9223372036854775808 must be"),
+    (["--out", "scene.toml"], "scene.toml: is a file, not a folder"),
+    (["--out", "scene.toml/run"], "must be a folder that can be made: Not a directory"),
+    (["--out", "."], "must be a new or an empty folder"),
+    (["--out", "run", "--resume"], "run: is not the folder of a run: it has no run.json"),
+])
+def test_options_that_make_no_sense_are_refused(here, capsys, arguments, words):
+    assert words in refused(capsys, here, "run", "scene.toml", "--quiet", *arguments)
+
+
+@pytest.mark.parametrize("arguments", [["--duration", "long"], ["--seed", "1.5"]])
+def test_options_of_the_wrong_type_are_refused(here, capsys, arguments):
+    with pytest.raises(SystemExit) as end:
+        main(["run", "scene.toml", *arguments])
+    assert end.value.code == 2
+    assert f"argument {arguments[0]}: invalid" in capsys.readouterr().err
+    assert [path.name for path in here.iterdir()] == ["scene.toml"]
+
+
+def test_a_run_is_not_overwritten(run, here, capsys):
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run")
+    assert "tbsa: run: holds a run already" in line
+
+
+DAMAGE = {
+    "cut off": lambda data: data[: len(data) // 2],
+    "of length zero": lambda data: b"",
+    "a flipped bit": lambda data: data[:5000] + bytes([data[5000] ^ 4]) + data[5001:],
+    "a flipped bit in its directory": lambda data: data[:-30] + bytes([data[-30] ^ 8]) + data[-29:],
+    "text": lambda data: b"not an archive at all",
+    "an array": lambda data: (
+        b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (1,), }"
+        + b" " * 58 + b"\n" + bytes(8)),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_checkpoint_is_refused(run, here, capsys, damage):
+    path = run / "checkpoint.npz"
+    path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    line = refused(capsys, here, "run", "scene.toml", "--duration", "3", "--out", "run",
+                   "--resume")
+    assert line.startswith("tbsa: run/checkpoint.npz: is damaged: ")
+
+
+def test_a_checkpoint_damaged_anywhere_never_ends_in_a_traceback(run):
+    path = run / "checkpoint.npz"
+    whole = path.read_bytes()
+    at = np.random.default_rng(1).integers(0, len(whole), 60).tolist()
+    tail = range(len(whole) - 1600, len(whole), 11)  # the archive's own directory
+    for k in [*range(0, 60, 2), *at, *tail]:
+        path.write_bytes(whole[:k] + bytes([whole[k] ^ (1 << (k % 8))]) + whole[k + 1 :])
+        # Not every byte counts: names are checked, dates are not.
+        with contextlib.suppress(tbsa.InputError):
+            records._read_arrays(path, ("format", "substep"))
+
+
+def test_a_foreign_archive_is_no_checkpoint(run, here, capsys):
+    np.savez(run / "checkpoint.npz", a=np.zeros(3))
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume")
+    assert "checkpoint.npz: has no 'format': not written by tbsa" in line
+
+
+def changed_checkpoint(run, **changes):
+    with np.load(run / "checkpoint.npz") as data:
+        arrays = dict(data)
+    np.savez(run / "checkpoint.npz", **(arrays | changes))
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"format": 99}, "format: 99 must be 1"),
+    ({"fingerprint": "0" * 64}, "fingerprint: '000000000000' belongs to another scene or seed"),
+    ({"x": np.zeros(3)}, "must hold 31 finite numbers a field"),
+    ({"omega": np.full(31, np.nan)}, "must hold 31 finite numbers a field"),
+])
+def test_a_checkpoint_with_wrong_contents_is_refused(run, here, capsys, changes, words):
+    changed_checkpoint(run, **changes)
+    line = refused(capsys, here, "run", "scene.toml", "--duration", "3", "--out", "run",
+                   "--resume")
+    assert line.startswith("tbsa: run/checkpoint.npz: ")
+    assert words in line
+
+
+def test_a_checkpoint_of_another_seed_is_refused(run, here, capsys):
+    assert main(["run", "scene.toml", "--seed", "6", "--out", "other", "--quiet"]) == 0
+    shutil.copy("other/checkpoint.npz", run)
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume")
+    assert "run/checkpoint.npz: fingerprint: " in line
+    assert "belongs to another scene or seed" in line
+
+
+@pytest.mark.parametrize("arguments", [["--seed", "6"], []], ids=["seed", "scene"])
+def test_a_run_of_another_scene_or_seed_cannot_be_resumed(run, here, capsys, arguments):
+    if not arguments:
+        (here / "scene.toml").write_text(SCENE.replace("force = 0.1", "force = 0.11"))
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume", *arguments)
+    assert "run/run.json: fingerprint: " in line
+    assert "was written for another scene or seed" in line
+
+
+def test_what_does_not_change_the_motion_may_change_on_resume(run, here, capsys):
+    (here / "scene.toml").write_text(
+        SCENE.replace("A small reactor", "Another title").replace("duration = 2.0",
+                                                                  "duration = 2.5"))
+    assert main(["run", "scene.toml", "--out", "run", "--resume", "--quiet"]) == 0
+    assert tbsa.read_run(run).time[-1] == 2.5
+
+
+FOREIGN = {"free": SCENE.replace("number = 26", "number = 24"),
+           "seed": SCENE.replace("seed = 5", "seed = 6")}
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+@pytest.mark.parametrize("name", ["records.npy", "layout.npz"])
+@pytest.mark.parametrize("command", ["metrics run", "draw run",
+                                     "run scene.toml --duration 3 --out run --resume"])
+def test_a_file_of_another_run_is_refused(run, here, capsys, kind, name, command):
+    (here / "other.toml").write_text(FOREIGN[kind])
+    assert main(["run", "other.toml", "--out", "other", "--quiet"]) == 0
+    shutil.copy(here / "other" / name, run)
+    line = refused(capsys, here, *command.split())
+    if kind == "free":
+        assert f"run/{name}: does not belong to this run of 31 tiles" in line
+    else:
+        assert "run/records.npy: does not begin with this run's layout.npz" in line
+
+
+@pytest.mark.parametrize("command", ["metrics run", "draw run",
+                                     "run scene.toml --duration 3 --out run --resume"])
+@pytest.mark.parametrize(("name", "data", "words"), [
+    ("records.npy", b"", "is damaged"),
+    ("records.npy", b"\x93NUMPY\x01\x00", "is damaged"),
+    ("records.npy", None, "is missing"),
+    ("layout.npz", b"PK\x03\x04", "is damaged"),
+    ("layout.npz", None, "is missing"),
+    ("run.json", b"", "is damaged"),
+    ("run.json", b'{"format": 1', "is damaged"),
+    ("run.json", b"\xff\xfe", "is damaged"),
+    ("run.json", b"[]", "must be 1: not written by this version"),
+    ("run.json", b'{"format": 2}', "format: 2 must be 1"),
+    ("run.json", b'{"format": 1}', "fingerprint: None is damaged: must be a str"),
+    ("run.json", None, "run: is not the folder of a run: it has no run.json"),
+])
+def test_a_damaged_run_is_refused(run, here, capsys, command, name, data, words):
+    if data is None:
+        (run / name).unlink()
+    else:
+        (run / name).write_bytes(data)
+    assert words in refused(capsys, here, *command.split())
+
+
+def test_records_cut_off_in_the_middle_are_refused(run, here, capsys):
+    path = run / "records.npy"
+    path.write_bytes(path.read_bytes()[:-100])
+    for command in ("metrics run", "run scene.toml --duration 3 --out run --resume"):
+        assert "run/records.npy: is damaged" in refused(capsys, here, *command.split())
+
+
+def test_records_that_the_checkpoint_has_outrun_are_refused(run, here, capsys):
+    assert main(["run", "scene.toml", "--duration", "1", "--out", "short", "--quiet"]) == 0
+    shutil.copy("short/records.npy", run)
+    line = refused(capsys, here, "run", "scene.toml", "--duration", "3", "--out", "run",
+                   "--resume")
+    assert "run/records.npy: must hold 5 records, one every 0.5 s" in line
+
+
+def test_a_scene_edited_in_the_runs_folder_is_refused(run, here, capsys):
+    path = run / "scene.toml"
+    path.write_text(path.read_text().replace("force = 0.1", "force = 0.2"))
+    line = refused(capsys, here, "metrics", "run")
+    assert "run/scene.toml: fingerprint: " in line
+    assert "was changed after the run" in line
+    path.write_text("[tiles\n")
+    assert "run/scene.toml: must be valid TOML" in refused(capsys, here, "draw", "run")
+    path.unlink()
+    assert "run/scene.toml: must be a TOML file" in refused(capsys, here, "draw", "run")
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["draw", "run", "--time", "2.6"], "time: 2.6 is not recorded: this run holds 0 to 2 s"),
+    (["draw", "run", "--time", "-1"], "time: -1.0 is not recorded"),
+    (["draw", "run", "--time", "nan"], "time: nan is not recorded"),
+    (["draw", "run", "--out", "now.gif"], "must end in .png, .svg, .pdf"),
+    (["draw", "run", "--out", "now"], "must end in .png, .svg, .pdf"),
+    (["draw", "run", "--out", "no/where.png"], "must be in a folder that exists"),
+    (["metrics", "run", "--out", "no/where.csv"], "no: is not a folder"),
+    (["metrics", "."], "is not the folder of a run: it has no run.json"),
+    (["metrics", "nowhere"], "nowhere: is not the folder of a run"),
+    (["metrics", "scene.toml"], "scene.toml: is not the folder of a run"),
+    (["draw", "."], "is not the folder of a run"),
+])
+def test_what_cannot_be_shown_is_refused(run, here, capsys, arguments, words):
+    assert words in refused(capsys, here, *arguments)
+
+
+def test_a_state_that_is_not_finite_ends_the_run_and_keeps_what_was_saved(here, capsys):
+    (here / "burst.py").write_text(
+        "def burst(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):\n"
+        "    if t > 1.2:\n        fx[7] = 1e300 * 1e300\n")
+    start = SCENE.index("[drive]")
+    text = SCENE[:start] + SCENE[SCENE.index("[floor]"):]
+    (here / "scene.toml").write_text(
+        text + '[drive]\nkind = "user"\nmodule = "burst.py"\nfunction = "burst"\n')
+    assert main(["run", "scene.toml", "--out", "run", "--quiet"]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "stopped being finite" in err
+    assert tbsa.read_run("run").time[-1] == 1.0
+
+
+def test_a_full_disk_ends_in_one_line(here, capsys, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["run", "scene.toml", "--out", "run", "--quiet"]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "No space left on device" in err
+
+
+# ---------------------------------------------------------------------------------------------
+# The README.
+
+
+def blocks(language):
+    """The README's code blocks in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", (ROOT / "README.md").read_text(),
+                      re.MULTILINE | re.DOTALL)
+
+
+def test_the_readmes_own_drive_works_as_printed(here, capsys):
+    for language in ("python", "toml"):
+        for block in blocks(language):
+            if named := re.match(r"# (\S+\.(?:py|toml))\n", block):
+                (here / named[1]).write_text(block)
+    assert (here / "vortex.py").exists()
+    assert main(["run", "vortex.toml", "--quiet"]) == 0
+    run = tbsa.read_run("runs/vortex-1")
+    free = ~run.layout.seed
+    round_the_centre = (run.x * run.vy - run.y * run.vx)[:, free].sum(axis=1)
+    assert round_the_centre[1] > 0.0 > round_the_centre[3]  # where the force is at its largest
+    assert main(["draw", "runs/vortex-1"]) == 0
+
+
+def test_the_readmes_python_works_as_printed(here):
+    shutil.copytree(ROOT / "paper_runs", here / "paper_runs")
+    (block,) = [block for block in blocks("python") if "tbsa.load(" in block]
+    names: dict[str, object] = {}
+    exec(block, names)
+    assert isinstance(names["simulation"], tbsa.Simulation)
+    assert (here / "now.png").exists()
+
+
+def test_every_command_of_the_readme_is_one_of_the_parser():
+    commands = [line.strip() for block in blocks("sh") for line in block.splitlines()
+                if line.strip().startswith("tbsa ")]
+    assert len(commands) >= 4
+    for command in commands:
+        cli._parser().parse_args(command.split("#")[0].split()[1:])
+
+
+def test_the_readmes_scenes_are_valid(here):
+    (here / "vortex.py").write_text("def vortex(): pass\n")
+    scenes = blocks("toml")
+    assert scenes
+    for block in scenes:
+        (here / "its.toml").write_text(block)
+        tbsa.load(here / "its.toml")
+
+
+def test_the_citation_and_the_package_agree_on_the_version():
+    assert f"version: {tbsa.__version__}" in (ROOT / "CITATION.cff").read_text()
+    assert f'version = "{tbsa.__version__}"' in (ROOT / "pyproject.toml").read_text()
+    assert f"## [{tbsa.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_the_architecture_names_every_module():
+    text = (ROOT / "ARCHITECTURE.md").read_text()
+    for folder in ("tbsa", "theory"):
+        for path in (ROOT / folder).rglob("*.py"):
+            if path.name != "__init__.py":
+                assert f"`{path.name}`" in text, path.name
+
+
+def test_runs_are_described_in_json(run):
+    assert json.loads((run / "run.json").read_text())["finished"] is True

@@ -1,0 +1,451 @@
+"""Runs on disk: the same bits however a run is cut, broken off or taken up again."""
+
+from __future__ import annotations
+
+import errno
+import json
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tbsa
+from tbsa.errors import InputError
+from tbsa.model import records, simulation
+from tbsa.model.scene import Record, Run, fingerprint, load
+from tbsa.model.simulation import Simulation
+
+ROOT = Path(__file__).parents[1]
+UNICYCLE = '[drive]\nkind = "unicycle"\nforce = 0.1\ntorque = 3e-3\nfrequency = 0.5\n'
+SHAKING = '[drive]\nkind = "shaking"\nforce = 0.1\nfrequency = 0.5\n'
+DRIVES = {"unicycle": UNICYCLE, "shaking": SHAKING}
+SCENE = """
+[tiles]
+set = "chessboard"
+[seed]
+shape = "cross"
+arm = 1
+[reactor]
+shape = "circle"
+radius = 0.14
+[free]
+number = 26
+[magnet]
+[floor]
+[record]
+interval = 0.5
+checkpoint = 1.0
+[run]
+duration = 3.0
+seed = 5
+"""
+FILES = ("records.npy", "checkpoint.npz", "layout.npz", "scene.toml")
+
+
+@pytest.fixture(params=DRIVES)
+def scene(request, tmp_path):
+    """A crowded little reactor, 31 tiles, 3 s, under each of the paper's drives."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE + DRIVES[request.param])
+    return load(path)
+
+
+@pytest.fixture
+def whole(scene, tmp_path):
+    """The folder of the uninterrupted run of the scene."""
+    assert records.run(scene, tmp_path / "whole").finished
+    return tmp_path / "whole"
+
+
+def lasting(scene, seconds):
+    return replace(scene, run=Run(seconds, scene.run.seed))
+
+
+def same(folder, whole):
+    """Names of the files that differ; those of a run are all there."""
+    return [name for name in FILES
+            if (folder / name).read_bytes() != (whole / name).read_bytes()]
+
+
+def interrupted(scene, folder, at, monkeypatch, resume=False):
+    """Run with a Ctrl-C at the first look after `at` s; looks come every few substeps."""
+    monkeypatch.setattr(records, "GLANCE", 1e-5)
+
+    def press(running, recorded):
+        if running.time >= at:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    outcome = records.run(scene, folder, resume=resume, progress=press)
+    monkeypatch.undo()
+    return outcome
+
+
+def test_tiles_move_collide_and_bond_in_these_runs(scene, whole):
+    run = tbsa.read_run(whole)
+    free = ~run.layout.seed
+    assert np.hypot(run.x[-1] - run.x[0], run.y[-1] - run.y[0])[free].min() > 1e-4
+    counts = json.loads((whole / "run.json").read_text())["counts"]
+    assert counts["impacts"] > 100
+    assert tbsa.assembly(scene, run.layout, run.x[-1], run.y[-1], run.angle[-1]).bonds > 3
+
+
+# ---------------------------------------------------------------------------------------------
+# The same bits.
+
+
+def test_the_same_run_twice_gives_the_same_files(scene, whole, tmp_path):
+    records.run(scene, tmp_path / "again")
+    assert same(tmp_path / "again", whole) == []
+
+
+def test_the_same_run_in_another_process_gives_the_same_files(scene, whole, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "tbsa.work.cli", "run", scene.file, "--out", tmp_path / "other",
+         "--quiet"], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert same(tmp_path / "other", whole) == []
+    assert "3 s simulated" in done.stdout
+
+
+def test_another_seed_gives_another_run(scene, whole, tmp_path):
+    records.run(replace(scene, run=Run(3.0, 6)), tmp_path / "other")
+    assert same(tmp_path / "other", whole) == list(FILES)
+
+
+def test_how_a_run_is_cut_into_calls_does_not_matter(scene, whole, tmp_path, monkeypatch):
+    step, cut = Simulation(scene), random.Random(1)
+    end = round(3.0 / step.h)
+    while step.substep < end:
+        step.advance(min(cut.randint(1, 60), end - step.substep))
+    run = tbsa.read_run(whole)
+    for name in records.FIELDS:
+        np.testing.assert_array_equal(getattr(step, name), getattr(run, name)[-1])
+    monkeypatch.setattr(records, "GLANCE", 0.0)  # one substep a call
+    records.run(scene, tmp_path / "fine")
+    assert same(tmp_path / "fine", whole) == []
+
+
+def test_a_record_holds_the_state_at_its_time(scene, whole):
+    run, step = tbsa.read_run(whole), Simulation(scene)
+    np.testing.assert_array_equal(run.time, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0])
+    for k in range(7):
+        for name in records.FIELDS:
+            np.testing.assert_array_equal(getattr(run, name)[k], getattr(step, name))
+        step.run(0.5)
+
+
+# ---------------------------------------------------------------------------------------------
+# Broken off and taken up again.
+
+
+def test_killed_from_outside_and_resumed_a_run_ends_in_the_same_bits(scene, tmp_path):
+    scene = lasting(scene, 200.0)
+    folder = tmp_path / "killed"
+    child = subprocess.Popen(
+        [sys.executable, "-m", "tbsa.work.cli", "run", scene.file, "--duration", "200",
+         "--out", folder, "--quiet"], cwd=ROOT)
+    begin = time.monotonic()
+    while child.poll() is None and time.monotonic() - begin < 300.0:
+        try:
+            if tbsa.read_run(folder).time[-1] > 5.0:
+                break
+        except InputError:  # not begun
+            pass
+        time.sleep(0.01)
+    child.kill()
+    assert child.wait() == -signal.SIGKILL, "it ended before it was killed"
+    assert 5.0 < tbsa.read_run(folder).time[-1] < 200.0
+    assert records.run(scene, folder, resume=True).finished
+    records.run(scene, tmp_path / "whole")
+    assert same(folder, tmp_path / "whole") == []
+
+
+def _killed_at(scene, folder, resume, call):
+    """In a process of its own: SIGKILL instead of the call-th synchronising or replacing."""
+    left = call
+
+    def deadly(function):
+        def instead(*arguments):
+            nonlocal left
+            left -= 1
+            if left <= 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return function(*arguments)
+        return instead
+
+    os.fsync, os.replace = deadly(os.fsync), deadly(os.replace)
+    records.run(scene, folder, resume=resume)
+
+
+def test_killed_again_and_again_while_it_writes_it_still_ends_in_the_same_bits(
+        scene, whole, tmp_path):
+    folder, at, kills = tmp_path / "killed", random.Random(2), 0
+    fork = multiprocessing.get_context("fork")
+    for _ in range(8):
+        if folder.exists() and not (folder / "run.json").exists():
+            shutil.rmtree(folder)  # killed before it was a run
+        resume = folder.exists()
+        child = fork.Process(target=_killed_at, args=(scene, folder, resume, at.randint(8, 24)))
+        child.start()
+        child.join()
+        kills += child.exitcode == -signal.SIGKILL
+    assert kills >= 3
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
+@pytest.mark.parametrize("at", [0.01, 0.5, 1.23, 2.0, 2.99])
+def test_ctrl_c_saves_and_the_resumed_run_ends_in_the_same_bits(
+        scene, whole, tmp_path, monkeypatch, at):
+    folder = tmp_path / "stopped"
+    outcome = interrupted(scene, folder, at, monkeypatch)
+    assert not outcome.finished
+    assert at <= outcome.simulation.time < 3.0
+    info = json.loads((folder / "run.json").read_text())
+    assert not info["finished"]
+    assert info["time"] == outcome.simulation.time
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
+def test_ctrl_c_twice_in_a_row_breaks_off_and_leaves_the_last_checkpoint(
+        scene, whole, tmp_path):
+    def press(running, recorded):
+        if running.time > 1.2:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        records.run(scene, tmp_path / "stopped", progress=press)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert json.loads((tmp_path / "stopped" / "run.json").read_text())["time"] == 1.0
+    assert records.run(scene, tmp_path / "stopped", resume=True).finished
+    assert same(tmp_path / "stopped", whole) == []
+
+
+def test_stopped_many_times_it_ends_in_the_same_bits(scene, whole, tmp_path, monkeypatch):
+    folder, resume = tmp_path / "stopped", False
+    for at in (0.2, 0.9, 0.95, 1.5, 2.6):
+        assert not interrupted(scene, folder, at, monkeypatch, resume).finished
+        resume = True
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
+@pytest.mark.parametrize("first", [1.0, 1.5, 1.7])
+def test_a_run_made_longer_equals_the_longer_run(scene, whole, tmp_path, first):
+    folder = tmp_path / "longer"
+    records.run(lasting(scene, first), folder)
+    assert tbsa.read_run(folder).time[-1] == pytest.approx(first, abs=1e-12)
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
+def test_an_end_between_record_times_is_recorded(scene, tmp_path):
+    records.run(lasting(scene, 1.7), tmp_path / "short")
+    np.testing.assert_allclose(tbsa.read_run(tmp_path / "short").time, [0, 0.5, 1, 1.5, 1.7])
+    before = (tmp_path / "short" / "records.npy").read_bytes()
+    records.run(lasting(scene, 1.7), tmp_path / "short", resume=True)
+    assert (tmp_path / "short" / "records.npy").read_bytes() == before
+
+
+def test_a_finished_run_resumed_stays_as_it_is(scene, whole):
+    before = [(whole / name).read_bytes() for name in FILES]
+    assert records.run(scene, whole, resume=True).finished
+    assert [(whole / name).read_bytes() for name in FILES] == before
+
+
+def test_a_disk_that_fills_up_costs_no_more_than_the_last_checkpoint(
+        scene, whole, tmp_path, monkeypatch):
+    folder, left = tmp_path / "full", 11
+    sync = os.fsync
+
+    def full(descriptor):
+        nonlocal left
+        left -= 1
+        if left <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        records.run(scene, folder)
+    monkeypatch.undo()
+    assert 0.0 < json.loads((folder / "run.json").read_text())["time"] < 3.0
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*FILES, "run.json"])
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
+def test_the_start_is_read_from_the_folder_not_placed_anew(
+        scene, whole, tmp_path, monkeypatch):
+    interrupted(scene, tmp_path / "stopped", 1.2, monkeypatch)
+    monkeypatch.delattr(simulation, "initial_layout")
+    assert records.run(scene, tmp_path / "stopped", resume=True).finished
+    assert same(tmp_path / "stopped", whole) == []
+
+
+def test_an_entry_cut_off_by_a_kill_is_not_read_and_is_overwritten(scene, tmp_path):
+    folder, whole = tmp_path / "cut", tmp_path / "whole"
+    records.run(lasting(scene, 2.0), folder)
+    records.run(scene, whole)
+    with open(folder / "records.npy", "ab") as file:
+        file.write(b"\x7f" * 300)
+    assert tbsa.read_run(folder).time.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    records.run(scene, folder, resume=True)
+    assert same(folder, whole) == []
+
+
+def test_records_beyond_the_checkpoint_are_written_again(scene, whole, tmp_path):
+    folder = tmp_path / "behind"
+    records.run(lasting(scene, 1.0), folder)
+    shutil.copy(whole / "records.npy", folder)
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
+# ---------------------------------------------------------------------------------------------
+# What a folder holds.
+
+
+def test_the_numbers_of_a_run(scene, whole):
+    info = json.loads((whole / "run.json").read_text())
+    assert info["version"] == tbsa.__version__
+    assert info["fingerprint"] == fingerprint(scene)
+    assert info["finished"] is True
+    assert info["time"] == 3.0
+    assert 0.0 < info["wall"] < 120.0
+    counts = info["counts"]
+    assert counts["substeps"] == sum(counts["overlap"]) == 3 * 480
+    assert 0 < counts["lists"] < counts["substeps"]
+    assert counts["passes"] >= counts["substeps"]
+    assert counts["unconverged"] <= counts["substeps"]
+    assert 0.0 <= counts["deepest"] < 0.1 * scene.material.width
+
+
+def test_wall_time_and_counts_add_up_over_a_break(scene, whole, tmp_path, monkeypatch):
+    folder = tmp_path / "stopped"
+    first = interrupted(scene, folder, 1.2, monkeypatch)
+    saved = json.loads((folder / "run.json").read_text())
+    records.run(scene, folder, resume=True)
+    info = json.loads((folder / "run.json").read_text())
+    assert info["wall"] > saved["wall"]
+    assert saved["wall"] <= first.wall
+    once = json.loads((whole / "run.json").read_text())["counts"]
+    assert {**info["counts"], "lists": 0} == {**once, "lists": 0}
+
+
+def test_progress_is_told_of_every_record(scene, tmp_path):
+    told = []
+    records.run(scene, tmp_path / "run", progress=lambda s, new: told.append((s.time, new)))
+    times = [moment for moment, _ in told]
+    assert times == sorted(times)
+    assert [moment for moment, new in told if new] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+
+
+def test_the_scene_in_the_folder_is_complete(scene, whole):
+    copy = load(whole / "scene.toml")
+    assert replace(copy, file="") == replace(scene, file="")
+
+
+def test_a_new_run_does_not_touch_a_folder_with_anything_in_it(scene, tmp_path):
+    before = (tmp_path / "scene.toml").read_bytes()  # one that would be overwritten
+    with pytest.raises(InputError, match="must be a new or an empty folder"):
+        records.run(scene, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+    assert (tmp_path / "scene.toml").read_bytes() == before
+
+
+def test_another_interval_of_records_cannot_be_resumed(scene, whole):
+    before = [(whole / name).read_bytes() for name in FILES]
+    for interval in (0.25, 1.0):
+        other = replace(lasting(scene, 4.0), record=Record(interval, 1.0))
+        with pytest.raises(InputError, match=r"record\.interval has to stay"):
+            records.run(other, whole, resume=True)
+    assert [(whole / name).read_bytes() for name in FILES] == before
+
+
+DRIVE = """
+def push(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
+    for i in range(x.size):
+        fx[i] += p[0] * family[i]
+"""
+
+
+def test_a_run_with_a_drive_of_ones_own_stands_on_its_own(tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "push.py").write_text(DRIVE)
+    (home / "scene.toml").write_text(
+        SCENE + '[drive]\nkind = "user"\nmodule = "push.py"\nfunction = "push"\n'
+        "parameters = [0.1]\n")
+    scene = load(home / "scene.toml")
+    records.run(scene, tmp_path / "whole")
+    assert not interrupted(scene, tmp_path / "stopped", 1.2, monkeypatch).finished
+    shutil.rmtree(home)
+    again = load(tmp_path / "stopped" / "scene.toml")
+    assert records.run(again, tmp_path / "stopped", resume=True).finished
+    assert same(tmp_path / "stopped", tmp_path / "whole") == []
+    run = tbsa.read_run(tmp_path / "whole")
+    assert run.x[-1].std() > 0.0
+    (tmp_path / "whole" / "drive.py").write_text(DRIVE.replace("fx[i] +=", "fy[i] +="))
+    with pytest.raises(InputError, match="was changed after the run"):
+        tbsa.read_run(tmp_path / "whole")
+
+
+def test_a_drive_edited_during_its_run_does_not_change_what_the_run_is(tmp_path):
+    (tmp_path / "push.py").write_text(DRIVE)
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE + '[drive]\nkind = "user"\nmodule = "push.py"\nfunction = "push"\n'
+                    "parameters = [0.1]\n")
+    records.run(load(path), tmp_path / "run",
+                progress=lambda *_: (tmp_path / "push.py").unlink(missing_ok=True))
+    assert tbsa.read_run(tmp_path / "run").time[-1] == 3.0
+
+
+# ---------------------------------------------------------------------------------------------
+# Writing a file.
+
+
+@pytest.mark.parametrize("broken", ["open", "fsync", "replace"])
+def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path, monkeypatch, broken):
+    path = tmp_path / "table.csv"
+    path.write_bytes(b"old")
+
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    if broken == "open":
+        class Full:
+            """A file on a full disk."""
+
+            def __init__(self, name, mode):
+                self.file = open(name, mode)  # noqa: SIM115
+
+            def __enter__(self):
+                return self
+
+            def __exit__(self, *_):
+                self.file.close()
+
+            write = fail
+
+        monkeypatch.setattr(records, "open", Full, raising=False)
+    else:
+        monkeypatch.setattr(os, broken, fail)
+    with pytest.raises(OSError, match="No space left"):
+        records.write_atomically(path, b"new")
+    monkeypatch.undo()
+    assert path.read_bytes() == b"old"
+    assert [each.name for each in tmp_path.iterdir()] == ["table.csv"]
+    records.write_atomically(path, b"new")
+    assert path.read_bytes() == b"new"
