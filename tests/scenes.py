@@ -21,6 +21,7 @@ from tbsa.model.scene import (
     TileType,
 )
 from tbsa.model.simulation import Simulation
+from tbsa.model.squares import depth
 
 WIDTH, MASS, GRAVITY = 0.03, 0.016, 9.81
 INERTIA = MASS * WIDTH**2 / 6.0
@@ -84,6 +85,29 @@ def turned(x, y, angle):
     """A point turned about the origin."""
     c, s = math.cos(angle), math.sin(angle)
     return c * x - s * y, s * x + c * y
+
+
+def corners(simulation):
+    """Corners of every tile, shape (n, 4, 2)."""
+    s, half = simulation, 0.5 * simulation.numbers.width
+    c, n = np.cos(s.angle), np.sin(s.angle)
+    return np.stack([np.stack([s.x + half * (c * u - n * v), s.y + half * (n * u + c * v)], axis=-1)
+                     for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))], axis=1)
+
+
+def cloud(n, seed, speed=0.3):
+    """Tiles at random in a disc, without overlap, thrown at its centre."""
+    rng = np.random.default_rng(seed)
+    radius = WIDTH * (1.2 * math.sqrt(n) + 0.8)
+    placed = np.empty((0, 3))
+    while len(placed) < n:
+        r, phi, angle = radius * math.sqrt(rng.random()), *(2.0 * math.pi * rng.random(2))
+        x, y = r * math.cos(phi), r * math.sin(phi)
+        if (depth(WIDTH, x - placed[:, 0], y - placed[:, 1], placed[:, 2],
+                  np.float64(angle)) < 0.0).all():
+            placed = np.vstack([placed, (x, y, angle)])
+    return [tile(x, y, angle, *(-speed / radius * np.array([x, y]) + 0.1 * rng.normal(size=2)),
+                 5.0 * rng.normal()) for x, y, angle in placed.tolist()]
 
 
 __all__ = [name for name in globals() if not name.startswith("_")]

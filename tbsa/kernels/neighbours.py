@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.jit import inline, kernel
+from tbsa.kernels.jit import U, inline, kernel
 
 
 class Pairs(NamedTuple):
@@ -54,8 +54,8 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
                 reach: float, skin: float) -> int:
     """List every pair nearer than reach + skin with at least one mobile tile.
 
-    Returns the number of pairs found; where that exceeds the capacity nothing is written and
-    the caller grows the list.  -1: a position is not finite.
+    Returns the number of pairs found; where that exceeds the capacity the list is of no use and
+    the caller grows it.  -1: a position is not finite.
     """
     start, other = pairs.start, pairs.other
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
@@ -81,25 +81,25 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
         inside[fill[at[i]]] = i
         fill[at[i]] += 1
 
-    found = 0
+    found, room = 0, other.size
     for a in range(n):
         start[a] = found
-        column, row = at[a] % nx, at[a] // nx
+        column, row, xa, ya, held = at[a] % nx, at[a] // nx, x[a], y[a], mobile[a] == 0.0
         for r in range(max(row - 1, 0), min(row + 2, ny)):
             for k in range(first[max(column - 1, 0) + nx * r],
                            first[min(column + 1, nx - 1) + nx * r + 1]):
-                b = inside[k]
-                if b <= a or mobile[a] + mobile[b] == 0.0:
-                    continue
-                dx, dy = x[b] - x[a], y[b] - y[a]
-                if dx * dx + dy * dy < far * far:
-                    if found < other.size:  # keep the tile's own pairs in order
-                        j = found
-                        while j > start[a] and other[j - 1] > b:
-                            other[j] = other[j - 1]
-                            j -= 1
-                        other[j] = b
-                    found += 1
+                t = U(inside[k])
+                dx, dy = x[t] - xa, y[t] - ya
+                # Written in any case and kept by moving on, as no branch can be foreseen.
+                other[U(min(found, room - 1))] = inside[k]
+                found += ((inside[k] > a) & (dx * dx + dy * dy < far * far)
+                          & (not (held & (mobile[t] == 0.0))))
+        for k in range(start[a] + 1, min(found, room)):  # in order
+            b, j = other[k], k
+            while j > start[a] and other[j - 1] > b:
+                other[j] = other[j - 1]
+                j -= 1
+            other[j] = b
     start[n] = found
     if found > other.size:
         pairs.skin[0] = 0.0
