@@ -95,6 +95,16 @@ def corners(simulation):
                      for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))], axis=1)
 
 
+def contact_rows(simulation):
+    """What the kernels see of the contacts of tiles at rest: {column: array}."""
+    s = simulation
+    assert not state(s)[3:].any()
+    before = s.counts.rows[0]
+    s.advance(1)
+    m = s.counts.rows[0] - before
+    return {name: column[:m].copy() for name, column in s._work.rows._asdict().items()}
+
+
 def cloud(n, seed, speed=0.3):
     """Tiles at random in a disc, without overlap, thrown at its centre."""
     rng = np.random.default_rng(seed)

@@ -171,6 +171,22 @@ def test_ctrl_c_before_the_run_begins_ends_without_a_word(here, capsys, monkeypa
     assert [path.name for path in here.iterdir()] == ["scene.toml"]
 
 
+def test_ctrl_c_while_it_compiles_does_not_wait(here, capsys, monkeypatch):
+    def compiling(simulation, substeps):
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("it went on")
+
+    monkeypatch.setattr(tbsa.Simulation, "advance", compiling)
+    assert main(["run", "scene.toml", "--out", "run"]) == 130
+    assert capsys.readouterr().err.splitlines()[-2:] == [
+        "broken off; go on from the last checkpoint with",
+        "  tbsa run run/scene.toml --out run --resume"]
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    assert main(["run", "run/scene.toml", "--out", "run", "--resume", "--quiet"]) == 0
+    assert tbsa.read_run("run").time[-1] == 2.0
+
+
 def test_the_progress_bar_shows_time_speed_and_size(here, capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert main(["run", "scene.toml"]) == 0

@@ -38,6 +38,7 @@ from tbsa.kernels.solver import (
     FloorLaw,
     Numbers,
     apply_impulses,
+    limit_work,
     prepare,
     project,
     relax,
@@ -255,10 +256,14 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             rows.seen[:m] = -1
             rows.want0[:m] = np.maximum(rows.gap0[:m], 0.0) / h
             rows.want1[:m] = np.maximum(rows.gap1[:m], 0.0) / h
+            before = work.shift
+            before.vx[:], before.vy[:], before.w[:] = vx, vy, w
             apply_impulses(rows, m, im, ii, v)
             passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
             counts.unconverged[0] += 1 if passes < 0 else 0
             counts.passes[0] += passes if passes >= 0 else -1 - passes
+            if m > 0:
+                limit_work(rows, m, k, floor, im, ii, c, s, v, before, k.tolerance)
             remember(rows, m, state.impulses)
         else:
             state.impulses.size[0] = 0
@@ -272,11 +277,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             x[i] += 0.5 * h * vx[i]
             y[i] += 0.5 * h * vy[i]
             angle[i] += 0.5 * h * w[i]
-        if m > 0 and project(rows, m, k, im, ii, v, work.shift):
+        if m > 0 and project(rows, m, k, im, ii, v, work.shift, x, y, angle):
             counts.projections[0] += 1
-            x += work.shift.vx
-            y += work.shift.vy
-            angle += work.shift.w
         done += 1
     state.vx[:], state.vy[:], state.omega[:] = v.vx, v.vy, v.w
     counts.substeps[0] += done

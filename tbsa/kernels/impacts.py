@@ -179,8 +179,7 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
         island[i] = i
     for i in range(m):
         a, b = ra[i], rb[i]
-        if (hit[i] != 0 or gap0[i] < touching or gap1[i] < touching) and (
-                mobile[a] * mobile[b] != 0.0):
+        if mobile[a] * mobile[b] != 0.0:
             p, q = root(island, a), root(island, b)
             island[max(p, q)] = min(p, q)
 

@@ -334,14 +334,50 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
 
 
 @inline
-def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies,
-            shift: Bodies) -> bool:
-    """Displacements in `shift` that undo deep overlap; returns whether there are any.
+def limit_work(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
+               c: np.ndarray, s: np.ndarray, v: Bodies, u: Bodies, tolerance: float) -> None:
+    """Scale the contact impulses down where, together, they would do work.
 
-    Works on positions alone, so that it never adds kinetic energy; a solved scene does not
-    need it.  Points overlapping by more than a slop are moved a fifth of the way back, never
-    further than 2 % of the width in a substep, and other points may not be closed by it.  One
-    pass: what is left is there again in the next substep.
+    A solved contact problem only takes energy from the velocities `u` that it began with; one
+    that was broken off, above all one begun with the impulses of a substep before whose load
+    has gone, may add some.  The work, impulses times mean velocity, is a parabola in the scale.
+    """
+    vx, vy, w, ux, uy, uw = v.vx, v.vy, v.w, u.vx, u.vy, u.w
+    floorx, floory, floort = v.floorx, v.floory, v.floort
+    square, mixed = 0.0, 0.0
+    for i in range(k.n):
+        gx, gy, gw = im * floorx[i], im * floory[i], ii * floort[i]
+        dx, dy, dw = vx[i] - gx - ux[i], vy[i] - gy - uy[i], w[i] - gw - uw[i]
+        square += 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
+        mixed += (k.mass * (dx * (ux[i] + 0.5 * gx) + dy * (uy[i] + 0.5 * gy))
+                  + k.inertia * dw * (uw[i] + 0.5 * gw))
+    if square + mixed <= 1e-14 * square:
+        return
+    scale = max(-mixed / square, 0.0)
+    for i in range(k.n):
+        vx[i] = ux[i] + scale * (vx[i] - im * floorx[i] - ux[i])
+        vy[i] = uy[i] + scale * (vy[i] - im * floory[i] - uy[i])
+        w[i] = uw[i] + scale * (w[i] - ii * floort[i] - uw[i])
+    floorx[:] = 0.0
+    floory[:] = 0.0
+    floort[:] = 0.0
+    for i in range(m):
+        rows.pn0[i] *= scale
+        rows.pn1[i] *= scale
+        rows.pt[i] *= scale
+    if floor.law != 0:
+        sweep_floor(floor, k, im, ii, c, s, v, 1, True, tolerance)
+
+
+@inline
+def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies, shift: Bodies,
+            x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
+    """Move deeply overlapping tiles apart; returns whether there were any.
+
+    The velocity solve does not push apart what overlaps, so that it never adds energy; a
+    solved scene does not need this.  Points overlapping by more than a slop are moved a fifth
+    of the way back, never further than 2 % of the width in a substep, and other points may not
+    be closed by it.  One pass: what is left is there again in the next substep.
     """
     slop, most, small = SLOP * k.width, 0.02 * k.width, 1e-5 * k.width
     gap0, gap1, count, want0, want1 = rows.gap0, rows.gap1, rows.points, rows.want0, rows.want1
@@ -368,4 +404,28 @@ def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies,
     rows.pt[:m] = 0.0
     rows.base[:m] = 0.0
     sweep_rows(rows, m, k.n, 0.0, 0.0, im, ii, shift, small, 1)
+
+    # As a skater's spin slows when the arms go out: two free tiles that are moved apart by q
+    # along n keep their angular momentum by losing of their tangential velocity, and only lose.
+    ra, rb, nx, ny, pn0, pn1 = rows.a, rows.b, rows.nx, rows.ny, rows.pn0, rows.pn1
+    vx, vy, mobile = v.vx, v.vy, v.mobile
+    for i in range(m):
+        q = im * (pn0[i] + pn1[i])
+        if q == 0.0:
+            continue
+        a, b = ra[i], rb[i]
+        ma, mb = mobile[a], mobile[b]
+        x[a] -= ma * q * nx[i]
+        y[a] -= ma * q * ny[i]
+        x[b] += mb * q * nx[i]
+        y[b] += mb * q * ny[i]
+        if ma * mb != 0.0:
+            apart = nx[i] * (x[b] - x[a]) + ny[i] * (y[b] - y[a])
+            slip = nx[i] * (vy[b] - vy[a]) - ny[i] * (vx[b] - vx[a])
+            lost = min(q / apart, 0.5) * slip
+            vx[a] -= lost * ny[i]
+            vy[a] += lost * nx[i]
+            vx[b] += lost * ny[i]
+            vy[b] -= lost * nx[i]
+    angle += shift.w
     return True

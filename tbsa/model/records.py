@@ -300,25 +300,30 @@ class Outcome:
     wall: float  # s, this call
 
 
+@dataclass
+class _Stop:
+    """What Ctrl-C or SIGTERM asks for."""
+
+    asked: bool = False
+    patient: bool = True  # the first one only asks; else, and the second time, it breaks off
+
+
 @contextlib.contextmanager
-def _interrupts() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets, instead of breaking off in the middle.
-
-    A second one breaks off: what the last checkpoint holds is safe.
-    """
-    event = threading.Event()
-
-    def stop(*_: object) -> None:
-        if event.is_set():
-            raise KeyboardInterrupt
-        event.set()
-
+def _interrupts() -> Iterator[_Stop]:
+    """Note Ctrl-C and SIGTERM, instead of being broken off in the middle."""
+    stop = _Stop()
     if threading.current_thread() is not threading.main_thread():
-        yield event
+        yield stop
         return
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def note(*_: object) -> None:
+        if stop.asked or not stop.patient:
+            raise KeyboardInterrupt
+        stop.asked = True
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield event
+        yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -346,6 +351,8 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
         Where the folder holds a run already, or a checkpoint that cannot be resumed.
     SimulationError
         Where the scene cannot be simulated.
+    KeyboardInterrupt
+        At a second Ctrl-C, or at one during compilation: the last checkpoint stands.
     """
     folder, mark = Path(folder), fingerprint(scene)
     if resume:
@@ -372,7 +379,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
 
 def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,
                progress: Callable[[Simulation, bool], None] | None,
-               stop: threading.Event) -> Outcome:
+               stop: _Stop) -> Outcome:
     begin = time.perf_counter()
     scene = simulation.scene
     every = round(scene.record.interval / simulation.h)
@@ -411,12 +418,13 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
             records.append(simulation)
         _write_scene(folder, scene)
         save()
-        chunk = 1
-        while simulation.substep < end and not stop.is_set():
+        chunk, stop.patient = 1, False  # the first call may have to compile for half a minute
+        while simulation.substep < end and not stop.asked:
             ahead = min(end, (simulation.substep // every + 1) * every) - simulation.substep
             size = min(chunk, ahead)
             started = time.perf_counter()
             simulation.advance(size)
+            stop.patient = True
             spent = max(time.perf_counter() - started, 1e-6)
             chunk = max(1, min(2 * chunk, int(size * GLANCE / spent)))
             recorded = simulation.substep % every == 0 or simulation.substep == end

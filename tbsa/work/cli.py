@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"tbsa: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:  # before the run began, or a second Ctrl-C
+    except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         return 1
@@ -85,12 +85,17 @@ def _run(arguments: argparse.Namespace) -> int:
 
     scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
-    with Bar(scene, arguments.quiet) as bar:
-        outcome = run(scene, folder, resume=arguments.resume, progress=bar.show)
+    again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
+                        "--resume"])
+    try:
+        with Bar(scene, arguments.quiet) as bar:
+            outcome = run(scene, folder, resume=arguments.resume, progress=bar.show)
+    except KeyboardInterrupt:
+        if (folder / "run.json").exists():
+            print(f"broken off; go on from the last checkpoint with\n  {again}", file=sys.stderr)
+        return 130
     simulation = outcome.simulation
     if not outcome.finished:
-        again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
-                            "--resume"])
         print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  {again}",
               file=sys.stderr)
         return 130

@@ -1,0 +1,312 @@
+"""Impacts in the simulator against Routh's process, and against what must hold for all of them.
+
+A tile is placed so that it touches in the middle of the first substep, where contacts are found:
+the velocities after that substep are those after the impact.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import (
+    INERTIA,
+    MASS,
+    WIDTH,
+    Drive,
+    Reactor,
+    material,
+    momentum,
+    simulate,
+    state,
+    tile,
+)
+
+from theory import impact
+
+H = 1 / 480
+TOUCH = 1e-9 * WIDTH  # m, gap at the impact
+FIXED = math.inf
+DIAGONAL = WIDTH * math.sqrt(0.5)
+
+
+def placed(centre, angle, v, spin, **kind):
+    """A tile that is at `centre`, `angle` in the middle of the first substep."""
+    start = centre - 0.5 * H * v
+    return tile(start.real, start.imag, angle - 0.5 * H * spin, v.real, v.imag, spin, **kind)
+
+
+def dot(u, v):
+    return u.real * v.real + u.imag * v.imag
+
+
+def velocity_at(v, spin, arm):
+    return v + 1j * spin * arm
+
+
+def predict(a, b, point, normal, mu, e):
+    """Routh's impact of two bodies (centre, velocity, spin, mass): ``(mode, v_a, w_a, v_b, w_b)``.
+
+    The normal leads from a to b.
+    """
+    tangent = 1j * normal
+    arms = [point - body[0] for body in (a, b)]
+    masses = [(body[3], body[3] * WIDTH**2 / 6.0) for body in (a, b)]
+    b1, b2, b3 = impact.inverse_inertia(
+        *masses[0], (dot(arms[0], tangent), dot(arms[0], normal)),
+        *masses[1], (dot(arms[1], tangent), dot(arms[1], normal)))
+    relative = velocity_at(b[1], b[2], arms[1]) - velocity_at(a[1], a[2], arms[0])
+    p = impact.routh(dot(relative, normal), dot(relative, tangent), b1, b2, b3, mu, e)
+    force = p.normal * normal + p.tangential * tangent
+    result = [p.mode]
+    for sign, (_, v, spin, mass), arm in ((-1.0, a, arms[0]), (1.0, b, arms[1])):
+        torque = (arm.conjugate() * force).imag
+        result += [v + sign * force / mass, spin + sign * torque / (mass * WIDTH**2 / 6.0)]
+    return result
+
+
+def cases(count, seed):
+    """Angle, velocity, spin, friction and restitution of tiles that hit with a corner."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        angle = rng.uniform(0.05, 0.5 * math.pi - 0.05)
+        v = cmath.rect(rng.uniform(0.05, 0.5), rng.uniform(0.0, 2.0 * math.pi))
+        yield (angle, v, rng.normal() * 10.0, rng.choice([0.0, 0.05, 0.25, 1.0, 3.0]),
+               rng.choice([0.0, 0.2, rng.random(), 1.0]))
+
+
+def corner_below(angle):
+    """From the centre to the lowest corner of a tile turned by 0 < angle < 90 degrees."""
+    return cmath.rect(DIAGONAL, angle - 0.75 * math.pi)
+
+
+def hits_alone(v, spin, arm):
+    """Whether the corner approaches, and no other corner is near enough to be a contact."""
+    margin = 0.02 * WIDTH + H * (abs(v) + 0.71 * WIDTH * abs(spin))
+    return velocity_at(v, spin, arm).imag < -0.02 and all(
+        (other - arm).imag > 1.5 * margin for other in (arm * 1j, arm / 1j))
+
+
+def compare(s, i, v, spin, size):
+    scale = size + WIDTH * 1.0
+    assert s.vx[i] == pytest.approx(v.real, abs=1e-7 * scale)
+    assert s.vy[i] == pytest.approx(v.imag, abs=1e-7 * scale)
+    assert s.omega[i] == pytest.approx(spin, abs=1e-7 * scale / WIDTH)
+
+
+MODES = {"sliding", "C-sticking", "R-sticking", "C-reversed", "R-reversed"}
+
+
+def test_a_corner_on_a_held_tiles_face_follows_rouths_process_in_every_mode():
+    """Velocity and spin after the impact to 1e-7; energy never rises; 400 oblique impacts."""
+    modes = set()
+    for angle, v, spin, mu, e in cases(400, 1):
+        arm = corner_below(angle)
+        if not hits_alone(v, spin, arm):
+            continue
+        point = complex(0.1 * WIDTH, 0.5 * WIDTH)
+        centre = point + 1j * TOUCH - arm
+        s = simulate([tile(held=True), placed(centre, angle, v, spin)],
+                     body=material(friction=mu, restitution=e))
+        energy = s.kinetic_energy()
+        s.advance(1)
+        mode, _, _, after, turning = predict(
+            (0j, 0j, 0.0, FIXED), (centre, v, spin, MASS), point, 1j, mu, e)
+        modes.add(mode)
+        assert s.counts.impacts[0] == 1
+        compare(s, 1, after, turning, abs(v) + abs(spin) * WIDTH)
+        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+    assert modes >= MODES
+
+
+def test_a_corner_on_a_free_tiles_face_follows_rouths_process_for_both():
+    """The struck tile moves and turns, too."""
+    modes = set()
+    rng = np.random.default_rng(7)
+    for angle, v, spin, mu, e in cases(300, 2):
+        arm = corner_below(angle)
+        if not hits_alone(v, spin, arm):
+            continue
+        point = complex(rng.uniform(-0.4, 0.4) * WIDTH, 0.5 * WIDTH)
+        centre = point + 1j * TOUCH - arm
+        s = simulate([placed(0j, 0.0, 0.05 + 0.02j, 1.0), placed(centre, angle, v, spin)],
+                     body=material(friction=mu, restitution=e))
+        energy = s.kinetic_energy()
+        struck, hitter = (0j, 0.05 + 0.02j, 1.0, MASS), (centre, v, spin, MASS)
+        relative = velocity_at(v, spin, arm) - velocity_at(*struck[1:3], point)
+        if relative.imag > -0.02:
+            continue
+        s.advance(1)
+        mode, v_a, w_a, v_b, w_b = predict(struck, hitter, point, 1j, mu, e)
+        modes.add(mode)
+        compare(s, 0, v_a, w_a, abs(v) + abs(spin) * WIDTH)
+        compare(s, 1, v_b, w_b, abs(v) + abs(spin) * WIDTH)
+        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+    assert modes >= MODES
+
+
+@pytest.mark.parametrize("shape", ["circle", "rectangle"])
+def test_a_corner_on_a_wall_follows_rouths_process_in_every_mode(shape):
+    """The corner hits the wall at its lowest point; friction and restitution are the wall's."""
+    modes = set()
+    for angle, v, spin, mu, e in cases(400, 3):
+        arm = corner_below(angle)
+        if not hits_alone(v, spin, arm):
+            continue
+        reactor = (Reactor("circle", 0.1, friction=mu, restitution=e) if shape == "circle" else
+                   Reactor("rectangle", width=0.2, height=0.2, friction=mu, restitution=e))
+        point = complex(0.0, -0.1)
+        centre = point + 1j * TOUCH - arm
+        s = simulate([placed(centre, angle, v, spin)], reactor=reactor,
+                     body=material(friction=0.7, restitution=0.5))
+        energy = s.kinetic_energy()
+        s.advance(1)
+        mode, after, turning, *_ = predict(
+            (centre, v, spin, MASS), (0j, 0j, 0.0, FIXED), point, -1j, mu, e)
+        modes.add(mode)
+        assert s.counts.impacts[0] == 1
+        compare(s, 0, after, turning, abs(v) + abs(spin) * WIDTH)
+        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+    assert modes >= MODES
+
+
+GROUNDS = {
+    "one held tile": [tile(0, -0.5 * WIDTH, held=True)],
+    "two held tiles": [tile(i * 0.5 * WIDTH, -0.5 * WIDTH, held=True) for i in (-1, 1)],
+    "a straight wall": [],
+}
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("mu", [0.61, 1.0, 5.0])
+@pytest.mark.parametrize("ground", GROUNDS)
+def test_a_rocking_square_keeps_a_quarter_of_its_spin_at_each_impact(ground, mu, side):
+    """Housner: w+/w- = 1 - 3/2 sin^2(45 deg) = 1/4 for e = 0 where the new corner sticks.
+
+    It turns about one corner and lands on the other, which needs mu >= 3/5.
+    """
+    held = GROUNDS[ground]
+    reactor = None if held else Reactor("rectangle", width=1.0, height=1.0, friction=mu,
+                                        restitution=0.0)
+    spin, tilt = 2.0 * side, 1e-7 * side
+    pivot = complex(side * 0.5 * WIDTH, (0.0 if held else -0.5) + 1e-12)
+    arm = cmath.rect(DIAGONAL, (0.75 if side > 0 else 0.25) * math.pi - tilt)
+    centre = pivot + arm
+    s = simulate([*held, placed(centre, -tilt, 1j * spin * arm, spin)], reactor=reactor,
+                 body=material(friction=mu, restitution=0.0))
+    s.advance(1)
+    i = len(held)
+    new = -complex(pivot.real, 0.5 * WIDTH)  # the corner that it lands on, from the centre
+    assert s.omega[i] == pytest.approx(0.25 * spin, rel=1e-5)
+    landed = velocity_at(complex(s.vx[i], s.vy[i]), s.omega[i], new)
+    assert abs(landed) < 1e-5 * abs(spin) * WIDTH
+    old = velocity_at(complex(s.vx[i], s.vy[i]), s.omega[i], new.conjugate() * -1.0)
+    assert old.imag > 0.2 * abs(spin) * WIDTH
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("mu", [0.0, 0.25, 1.0])
+def test_a_flat_hit_gives_no_spin(mu, e):
+    """Both ends of the edge hit at once with equal impulses."""
+    s = simulate([tile(held=True), placed(complex(0, WIDTH + TOUCH), 0.0, -0.3j, 0.0)],
+                 body=material(friction=mu, restitution=e))
+    s.advance(1)
+    assert s.counts.impacts[0] == 2
+    assert s.vy[1] == pytest.approx(0.3 * e, abs=1e-12)
+    assert s.omega[1] == pytest.approx(0.0, abs=1e-10)
+    assert s.vx[1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("mu", [0.0, 0.25, 1.0])
+def test_two_tiles_that_hit_one_from_both_sides_leave_it_at_rest(mu, e):
+    """v -> -e v for both, by symmetry, whatever the order in which contacts are solved."""
+    far = complex(WIDTH + TOUCH, 0.0)
+    s = simulate([placed(far, 0.0, -0.3 + 0j, 0.0), tile(),
+                  placed(-far, 0.0, 0.3 + 0j, 0.0)], body=material(friction=mu, restitution=e))
+    s.advance(1)
+    assert s.counts.impacts[0] == 4
+    assert s.vx == pytest.approx([0.3 * e, 0.0, -0.3 * e], abs=1e-10)
+    assert s.vy == pytest.approx(np.zeros(3), abs=1e-10)
+    assert s.omega == pytest.approx(np.zeros(3), abs=1e-8)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.2, 1.0])
+def test_a_row_that_is_hit_at_its_end_shares_the_momentum_among_all(e):
+    """Compression ends at one velocity v/6 of all; each contact gives back e of its impulse.
+
+    So v_i' = (1 + e) v/6 - e v_i: for e = 1 with no loss of energy.
+    """
+    row = [tile(i * WIDTH, 0.0) for i in range(5)]
+    s = simulate([*row, placed(complex(-WIDTH - TOUCH, 0.0), 0.0, 0.3 + 0j, 0.0)],
+                 body=material(friction=0.25, restitution=e))
+    s.advance(1)
+    before = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.3])
+    assert s.vx == pytest.approx((1.0 + e) * 0.05 - e * before, abs=1e-9)
+    assert np.abs(s.omega).max() < 1e-7
+
+
+def test_an_impact_slower_than_the_threshold_is_plastic():
+    """At 1 cm/s restitution ends: faster comes back as e v, slower not at all."""
+    for speed, expected in ((0.0101, 0.5 * 0.0101), (0.0099, 0.0)):
+        s = simulate([tile(held=True), placed(complex(0, WIDTH + TOUCH), 0.0, -1j * speed, 0.0)],
+                     body=material(restitution=0.5, restitution_threshold=0.01))
+        s.advance(1)
+        assert s.vy[1] == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_load_does_not_count_as_speed_of_an_impact():
+    """A pressed tile at rest stays: h F/m is far above the threshold here, and no impact."""
+    s = simulate([tile(held=True), tile(0, WIDTH)], body=material(restitution=1.0),
+                 drive=Drive("constant", (0.0, -10.0)))
+    s.advance(100)
+    assert s.counts.impacts[0] == 0
+    assert s.vy[1] == pytest.approx(0.0, abs=1e-9)
+
+
+def cluster(rng, n):
+    """Tiles all but touching, with velocities and spins at random."""
+    cells = rng.permutation(9)[:n]
+    return [tile((cell % 3) * 1.012 * WIDTH + rng.uniform(-1, 1) * 2e-3 * WIDTH,
+                 (cell // 3) * 1.012 * WIDTH + rng.uniform(-1, 1) * 2e-3 * WIDTH,
+                 rng.uniform(-1, 1) * 3e-3, *(0.4 * rng.normal(size=2)), 5.0 * rng.normal(),
+                 held=False) for cell in cells.tolist()]
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.floats(0.0, 1.0),
+       st.sampled_from([0.0, 0.2, 0.7, 1.0]), st.booleans())
+def test_no_cluster_gains_energy_or_momentum_in_an_impact(seed, n, mu, e, tight):
+    """Kinetic energy never rises and momentum is kept, also where the solver stops early."""
+    solver = {"tolerance": 1e-10, "passes": 5000} if tight else {"tolerance": 3e-4, "passes": 8}
+    s = simulate(cluster(np.random.default_rng(seed), n),
+                 body=material(friction=mu, restitution=e), **solver)
+    for _ in range(3):
+        energy, (before, _) = s.kinetic_energy(), momentum(s)
+        projections = s.counts.projections[0]
+        s.advance(1)
+        after, scale = momentum(s)
+        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+        kept = 2 if s.counts.projections[0] > projections else 3
+        assert (np.abs(after - before)[:kept] <= 1e-12 * scale[:kept]).all()
+    assert np.isfinite(state(s)).all()
+
+
+def test_impacts_scale_with_the_tile():
+    """The same collision of tiles ten times as wide and as fast: velocities times ten."""
+    small = [tile(0, 0, 0.2, 0.3, 0.0, 4.0), tile(0.05, 0.01, 1.1, -0.2, 0.0, -3.0)]
+    large = [tile(0, 0, 0.2, 3.0, 0.0, 4.0), tile(0.5, 0.1, 1.1, -2.0, 0.0, -3.0)]
+    one = simulate(small, body=material(friction=0.5, restitution=0.5))
+    ten = simulate(large, body=material(friction=0.5, restitution=0.5, width=10 * WIDTH,
+                                        mass=3 * MASS))
+    for s in (one, ten):
+        s.run(0.1)
+        assert s.counts.impacts[0] > 0
+    for name in ("vx", "vy"):
+        assert getattr(ten, name) == pytest.approx(10.0 * getattr(one, name), abs=1e-9)
+    assert ten.omega == pytest.approx(one.omega, abs=1e-8)
+    assert ten.numbers.inertia == pytest.approx(300 * INERTIA)

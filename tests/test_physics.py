@@ -1,0 +1,486 @@
+"""The simulator against closed forms and conservation laws, at a substep of 1/480 s.
+
+The solver's tolerance is far below its default (see scenes.py) unless a test says otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+from scenes import (
+    CHESSBOARD,
+    GRAVITY,
+    INERTIA,
+    MASS,
+    MU,
+    SLIDING,
+    WIDTH,
+    Drive,
+    Floor,
+    Magnet,
+    Material,
+    Reactor,
+    TileType,
+    cloud,
+    corners,
+    material,
+    momentum,
+    scene,
+    simulate,
+    state,
+    tile,
+    turned,
+)
+
+from tbsa.kernels import advance as core
+from tbsa.kernels.solver import SLOP, Numbers
+from tbsa.model.simulation import Simulation, floor_limits
+from theory import magnets, motion
+from theory.floor import engine_torque, max_torque
+
+DEFAULT = {"tolerance": 3e-4, "passes": 8}  # the simulator's own solver settings
+LAWS = ("separate", "coupled", "exact")
+
+
+def run_until_still(simulation):
+    """Time at the end of the first substep after which nothing moves any more (s)."""
+    for _ in range(10_000):
+        simulation.advance(1)
+        if not state(simulation)[3:].any():
+            return simulation.time
+    raise AssertionError("it never stops")
+
+
+def slide(law, damping, step=1 / 120, v0=0.3):
+    """Stop of a tile that slides 23 degrees off +x on the floor."""
+    s = simulate([tile(0, 0, 0.2, v0 * math.cos(0.4), v0 * math.sin(0.4))], floor=Floor(law),
+                 body=material(linear_damping=damping, angular_damping=damping), step=step)
+    return s, run_until_still(s)
+
+
+# Floor friction.
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_sliding_tile_stops_after_v0_over_mu_g_and_half_of_v0_squared_over_mu_g(law):
+    """t = v0/(mu g), d = v0^2/(2 mu g), to rounding: deceleration is constant."""
+    s, time = slide(law, 0.0)
+    t, d = 0.3 / (MU * GRAVITY), 0.3**2 / (2.0 * MU * GRAVITY)
+    assert (t, d) == pytest.approx(motion.sliding_stop(0.3, MU), rel=1e-12)
+    assert t <= time < t + 1.01 * s.h
+    assert (s.x[0], s.y[0]) == pytest.approx((d * math.cos(0.4), d * math.sin(0.4)), abs=1e-15)
+    assert s.angle[0] == 0.2
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_damped_sliding_tile_stops_with_an_error_of_second_order(law):
+    """t = ln(1 + c v0/(mu g))/c, d = v0/c - (mu g/c^2) ln(1 + c v0/(mu g)), c = 0.8 1/s."""
+    c, rate = 0.8, MU * GRAVITY
+    t = math.log(1.0 + c * 0.3 / rate) / c
+    d = 0.3 / c - rate / c**2 * math.log(1.0 + c * 0.3 / rate)
+    assert (t, d) == pytest.approx(motion.sliding_stop(0.3, MU, c), rel=1e-9)
+    errors = []
+    for step in (1 / 60, 1 / 120, 1 / 240):
+        s, time = slide(law, c, step)
+        assert t - 1e-3 * s.h <= time < t + 1.01 * s.h
+        errors.append(abs(math.hypot(s.x[0], s.y[0]) - d))
+        assert math.atan2(s.y[0], s.x[0]) == pytest.approx(0.4, abs=1e-12)
+    assert errors[1] < 1e-5 * d
+    assert errors[0] / errors[1] > 2**1.9
+    assert errors[1] / errors[2] > 2**1.9
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+@pytest.mark.parametrize(("reading", "torque"), [
+    ("engine", engine_torque(0.25, MASS, WIDTH)),
+    ("uniform-pressure", max_torque(0.25, MASS, WIDTH)),
+])
+def test_a_spinning_tile_stops_after_the_closed_forms(reading, torque, damping):
+    """t = ln(1 + c I w0/T)/c and angle = w0/c - T/(I c^2) ln(1 + c I w0/T); c = 0: I w0^2/2T."""
+    s = simulate([tile(0.1, 0.2, 0.3, spin=20.0)], floor=Floor(angular_reading=reading),
+                 body=material(angular_damping=damping))
+    time = run_until_still(s)
+    t, angle = motion.spin_stop(20.0, torque, INERTIA, damping)
+    assert t - 1e-3 * s.h <= time < t + 1.01 * s.h
+    assert s.angle[0] - 0.3 == pytest.approx(angle, rel=1e-5 if damping else 1e-12)
+    assert (s.x[0], s.y[0]) == (0.1, 0.2)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("share", [0.5, 0.999])
+def test_a_load_within_the_floors_friction_moves_nothing_by_a_single_bit(law, share):
+    """|F| < mu m g: at rest for ever."""
+    load = share * SLIDING
+    s = simulate([tile(0.1, 0.2, 0.3)], floor=Floor(law),
+                 drive=Drive("constant", (load * math.cos(0.7), load * math.sin(0.7))))
+    before = state(s)
+    s.run(5.0)
+    assert (state(s) == before).all()
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("share", [1.001, 1.5])
+def test_a_load_beyond_the_floors_friction_accelerates_by_what_is_beyond(law, share):
+    """v = (F - mu m g) t/m."""
+    load = share * SLIDING
+    s = simulate([tile(0.1, 0.2, 0.3)], floor=Floor(law),
+                 drive=Drive("constant", (load * math.cos(0.7), load * math.sin(0.7))))
+    s.run(1.0)
+    v = (load - SLIDING) / MASS
+    assert (s.vx[0], s.vy[0]) == pytest.approx((v * math.cos(0.7), v * math.sin(0.7)), rel=1e-9)
+    assert s.omega[0] == 0.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_touching_tiles_at_rest_stay_at_rest_to_the_bit_and_press_nobody(law):
+    """Every tile of a block of 3 x 3 is held by the floor under it."""
+    block = [tile(i * WIDTH, j * WIDTH) for i in range(3) for j in range(3)]
+    s = simulate(block, floor=Floor(law), drive=Drive("constant", (0.9 * SLIDING, 0.3 * SLIDING)),
+                 **DEFAULT)
+    before = state(s)
+    s.run(2.0)
+    assert (state(s) == before).all()
+    assert s.contact_forces()["a"].size == 0
+
+
+def test_a_row_that_is_pushed_less_than_its_floor_friction_in_sum_stays():
+    """A driven tile alone would slide; with three others in front of it, it does not.
+
+    Its push of up to 2 mu m g is passed on: the floor under each takes mu m g.
+    """
+    push = TileType("push", (0, 0, 0, 0), "red", 1, "E")
+    idle = TileType("tile", (0, 0, 0, 0), "grey", 0)
+    tiles = [tile(0, 0, kind="push"), *(tile(i * WIDTH, 0) for i in (1, 2, 3))]
+    force = 1.999 * SLIDING
+    s = simulate(tiles, types=(push, idle), floor=Floor(angular=0.25),
+                 drive=Drive("unicycle", force, 0.0, 0.25))  # peak after 1 s
+    before = state(s)
+    s.run(1.9)
+    assert np.abs(state(s)[:3] - before[:3]).max() < 1e-6 * WIDTH
+    assert np.abs(state(s)[3:]).max() < 1e-9
+
+
+# One driven tile.
+
+
+@pytest.mark.parametrize("torque", [7.5e-4, 7e-4])
+def test_a_driven_tile_sticks_and_slips_as_the_equations_of_motion_say(torque):
+    """Two periods of the unicycle drive; the error stays below 12 h^2 (h in s).
+
+    It is relative to the largest coordinate and speed, angle and spin of the motion.
+    """
+    kind = (TileType("tile", (0, 0, 0, 0), "grey"),)
+    body = Material(restitution_threshold=0.0)
+    times = np.arange(1.0, 21.0)
+    truth = scale = None
+    for step in (1 / 60, 1 / 120, 1 / 240, 1 / 480):
+        s = simulate([tile()], types=kind, floor=Floor(), body=body, step=step,
+                     drive=Drive("unicycle", 0.075, torque, 0.1))
+        if truth is None:
+            force, moment = floor_limits(s.scene)
+            truth = motion.driven_tile(
+                times, mass=MASS, inertia=INERTIA, force=0.075, torque=torque, frequency=0.1,
+                friction_force=force, friction_torque=moment,
+                linear_damping=body.linear_damping, angular_damping=body.angular_damping)
+            reach = np.abs(truth).max(axis=0)
+            scale = np.array([reach[:2].max(), reach[:2].max(), reach[2],
+                              reach[3:5].max(), reach[3:5].max(), reach[5]])
+            assert reach[2] > 2.0  # it turns
+            assert (truth[:, 3:] == 0.0).all(axis=1).sum() >= 2  # and rests in between
+        found = []
+        for _ in times:
+            s.run(1.0)
+            found.append(state(s)[:, 0])
+        assert (np.abs(np.array(found) - truth) / scale).max() < 12.0 * s.h**2
+
+
+# Impacts along a line.
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+@pytest.mark.parametrize("e", [0.0, 0.2, 1.0])
+def test_two_tiles_hit_head_on_with_exact_restitution(e, turn):
+    """v_b' - v_a' = -e (v_b - v_a) with momentum kept, to 1e-12."""
+    va, vb = turned(0.3, 0.0, turn), turned(-0.1, 0.0, turn)
+    at = turned(1.01 * WIDTH, 0.0, turn)
+    s = simulate([tile(0, 0, turn, *va), tile(*at, turn, *vb)],
+                 body=material(restitution=e), tolerance=1e-15)
+    s.run(0.05)
+    ua, ub = motion.head_on(MASS, 0.3, MASS, -0.1, e)
+    expected = [*turned(ua, 0.0, turn), *turned(ub, 0.0, turn)]
+    assert [s.vx[0], s.vy[0], s.vx[1], s.vy[1]] == pytest.approx(expected, abs=1e-12)
+    assert np.abs(s.omega).max() < 1e-11
+
+
+@pytest.mark.parametrize("e", [0.0, 0.2, 1.0])
+def test_a_tile_bounces_off_a_held_one_with_exact_restitution(e):
+    """v' = -e v."""
+    s = simulate([tile(held=True), tile(0, 1.01 * WIDTH, 0.5 * math.pi, 0.0, -0.3)],
+                 body=material(restitution=e), tolerance=1e-15)
+    s.run(0.05)
+    assert (s.vx[1], s.vy[1]) == pytest.approx((0.0, 0.3 * e), abs=1e-12)
+    assert abs(s.omega[1]) < 1e-11
+    assert s.y[0] == s.vy[0] == 0.0
+
+
+WALLS = {
+    "face on a straight wall": (Reactor("rectangle", width=0.1, height=0.1), 0.0),
+    "corner on a straight wall": (Reactor("rectangle", width=0.1, height=0.1), 0.25 * math.pi),
+    "two corners on a circle": (Reactor("circle", 0.05), 0.0),
+    "one corner on a circle": (Reactor("circle", 0.05), 0.25 * math.pi),
+}
+
+
+@pytest.mark.parametrize("e", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("case", WALLS)
+def test_a_tile_bounces_off_a_wall_with_exact_restitution(case, e):
+    """v' = -e v, also for two corners at once, on a circle without friction."""
+    reactor, angle = WALLS[case]
+    reactor = replace(reactor, restitution=e, friction=0.0 if "two corners" in case else 0.25)
+    s = simulate([tile(0.02, 0.0, angle, 0.3)], reactor=reactor, tolerance=1e-15)
+    s.run(0.08)
+    assert s.counts.impacts[0] > 0
+    assert (s.vx[0], s.vy[0]) == pytest.approx((-0.3 * e, 0.0), abs=1e-12)
+    assert abs(s.omega[0]) < 1e-10
+
+
+# Bonds.
+
+
+@pytest.mark.parametrize(("cutoff", "force"), [(0.03, 0.1312), (0.02, 0.2037)])
+def test_a_bond_holds_below_its_force_and_opens_above(cutoff, force):
+    """Held black, white pulled off along the normal from where it is flush; no floor.
+
+    0.1312 N with every pair of magnets nearer than 3 cm, 0.2037 N with the mating pair alone.
+    """
+    law = magnets.Law(cutoff=cutoff, switch=0.1)
+    bond = magnets.bond_force(CHESSBOARD[0].glues, CHESSBOARD[1].glues, law)
+    assert bond == pytest.approx(force, abs=1e-4)
+    for share in (0.995, 1.005):
+        s = simulate([tile(held=True, kind="black"), tile(WIDTH, 0, kind="white")],
+                     types=CHESSBOARD, magnet=Magnet(cutoff=cutoff),
+                     drive=Drive("constant", (share * bond, 0.0)))
+        s.run(2.0)
+        if share < 1.0:
+            contact = s.contact_forces()
+            assert s.x[1] == pytest.approx(WIDTH, abs=1e-9 * WIDTH)
+            assert contact["normal0"] + contact["normal1"] == pytest.approx(
+                (1.0 - share) * bond, rel=1e-6)
+        else:
+            assert s.x[1] > 10.0 * WIDTH
+
+
+# Conservation.
+
+CLOUDS = [(n, mu, e, seed) for n in (2, 5, 10, 20, 50) for mu in (0.0, 0.25, 1.0)
+          for e in (0.0, 0.2, 1.0) for seed in (1, 2)]
+
+
+def test_collisions_keep_momentum_and_never_raise_the_kinetic_energy():
+    """Sum of m v and of m r x v + I omega, to 1e-12 of the sums of their sizes.
+
+    2 to 50 tiles thrown together, half a second, looked at after every substep.  Moving tiles
+    out of a deep overlap (`solver.project`) keeps the momentum but shifts the angular momentum
+    a little: below 1e-4 in any one substep.
+    """
+    wrong = []
+    for case in CLOUDS:
+        n, mu, e, seed = case
+        s = simulate(cloud(n, seed), body=material(friction=mu, restitution=e),
+                     tolerance=1e-9, passes=2000)
+        (before, _), energy = momentum(s), s.kinetic_energy()
+        linear = angular = moved = rise = 0.0
+        for _ in range(240):
+            projections = s.counts.projections[0]
+            s.advance(1)
+            now, scale = momentum(s)
+            change = np.abs(now - before) / scale
+            linear = max(linear, change[:2].max())
+            if s.counts.projections[0] > projections:
+                moved = max(moved, change[2])
+            else:
+                angular = max(angular, change[2])
+            rise = max(rise, s.kinetic_energy() / energy - 1.0)
+            before, energy = now, s.kinetic_energy()
+        assert s.counts.impacts[0] > 0
+        if linear > 1e-13 or angular > 1e-13 or moved > 1e-4 or rise > 1e-12:
+            wrong.append((*case, linear, angular, moved, rise))
+    assert not wrong, f"{len(wrong)} of {len(CLOUDS)} (n, mu, e, seed, ...): {wrong}"
+
+
+TUMBLERS = (TileType("a", (1, 1, 2, 2), "black"), TileType("b", (-1, -1, -2, -2), "white"))
+FAR = {"cutoff": 0.09, "switch": 0.3}
+
+
+def total_energy(s):
+    """Kinetic energy and that of the magnets (J)."""
+    law = magnets.Law(**FAR)
+    a, b = zip(s.x, s.y, s.angle, strict=True)
+    return s.kinetic_energy() + magnets.pair_energy(a, TUMBLERS[0].glues, b, TUMBLERS[1].glues,
+                                                    law)
+
+
+def test_two_tiles_in_orbit_keep_kinetic_and_magnet_energy_to_second_order():
+    """Drift of kinetic energy + sum of U(r) below 1e-4 of the energy, and 4 times less at h/2."""
+    drift = []
+    for step in (1 / 480, 1 / 960, 1 / 1920):
+        s = simulate([tile(-0.028, 0, 0.1, 0, -0.35, 0.5, kind="a"),
+                      tile(0.028, 0, -0.2, 0, 0.35, -1.0, kind="b")],
+                     types=TUMBLERS, magnet=Magnet(**FAR), step=step, substeps=1)
+        energies = [total_energy(s)]
+        potential = [energies[0] - s.kinetic_energy()]
+        for _ in range(480):
+            s.run(1 / 480)
+            energies.append(total_energy(s))
+            potential.append(energies[-1] - s.kinetic_energy())
+        assert s.counts.impacts[0] == 0
+        assert np.ptp(potential) > 1e-4  # J: there is something to be exchanged
+        drift.append(np.abs(np.array(energies) - energies[0]).max())
+    assert drift[0] < 1e-4 * energies[0]
+    assert 3.5 < drift[0] / drift[1] < 4.5
+    assert 3.5 < drift[1] / drift[2] < 4.5
+
+
+# Contact forces at rest.
+
+
+@pytest.mark.parametrize("turn", [0.0, math.pi / 6])
+@pytest.mark.parametrize(("solver", "depth"), [({}, 1e-4), (DEFAULT, SLOP)],
+                         ids=["tight", "default"])
+def test_a_pressed_row_carries_the_sum_of_the_loads_behind_each_contact(turn, solver, depth):
+    """Ten tiles, 0.075 N each, against a held one: contact k carries (11 - k) 0.075 N.
+
+    The solver's default leaves overlap up to its slop, the tight one next to none.
+    """
+    u = np.array([math.cos(turn), math.sin(turn)])
+    tiles = [tile(0, 0, turn, held=True), *(tile(*(-i * WIDTH * u), turn) for i in range(1, 11))]
+    s = simulate(tiles, drive=Drive("constant", tuple(0.075 * u)), **solver)
+    s.run(2.0)
+    contact = s.contact_forces()
+    order = np.argsort(contact["a"])
+    force = (contact["normal0"] + contact["normal1"])[order]
+    assert (contact["a"][order] == np.arange(10)).all()
+    assert force == pytest.approx(0.075 * np.arange(10, 0, -1), rel=1e-3)
+    # One that presses at one end more than at the other would turn.
+    assert contact["normal0"] == pytest.approx(contact["normal1"], rel=1e-3)
+    along = s.x * u[0] + s.y * u[1]
+    assert np.abs(-np.diff(along) - WIDTH).max() < depth * WIDTH
+    assert np.abs(s.x * u[1] - s.y * u[0]).max() < 1e-6 * WIDTH
+    assert np.abs(state(s)[3:]).max() < 1e-9
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+def test_a_tile_that_rests_in_a_circular_wall_is_in_balance(angle):
+    """The wall's forces at two corners add up to the load, their torque to nothing."""
+    radius, load = 0.06, np.array([0.0, -0.05])
+    s = simulate([tile(0, 0, angle)], reactor=Reactor("circle", radius),
+                 drive=Drive("constant", tuple(load)),
+                 body=material(linear_damping=5.0, angular_damping=5.0,
+                               restitution_threshold=0.01))
+    s.run(4.0)
+    assert np.abs(state(s)[3:]).max() < 1e-12
+    points = corners(s)[0]
+    points = points[np.argsort(np.hypot(*points.T))[2:]]
+    assert np.hypot(*points.T) == pytest.approx(radius, abs=1e-6 * WIDTH)
+    contact = s.contact_forces()
+    assert (contact["b"] == 1).all()
+    assert len(contact["b"]) == 2
+    assert (np.abs(contact["friction"]) <= 0.25 * contact["normal0"] * (1 + 1e-12)).all()
+    best = []
+    for order in ([0, 1], [1, 0]):  # which corner is which is not told
+        n = points[order] / radius
+        t = np.stack([-n[:, 1], n[:, 0]], axis=1)
+        # normal from tile to wall; the wall's impulse on the tile is the opposite
+        push = -(contact["normal0"][:, None] * n + contact["friction"][:, None] * t)
+        arm = points[order] - [s.x[0], s.y[0]]
+        torque = (arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]).sum()
+        best.append(np.abs([*(push.sum(axis=0) + load), torque / WIDTH]).max())
+    assert min(best) < 1e-9
+
+
+# Walls and held tiles in a crowd.
+
+
+@pytest.mark.parametrize("reactor", [Reactor("circle", 0.2),
+                                     Reactor("rectangle", width=0.4, height=0.3)],
+                         ids=lambda reactor: reactor.shape)
+def test_a_shaken_crowd_stays_inside_its_wall_and_the_seed_where_it_is(reactor):
+    """60 tiles, shaken at 1 Hz for 5 s: no corner more than 0.5 % of a width beyond the wall."""
+    chosen = scene([tile(held=True), tile(WIDTH, 0, held=True)], reactor=reactor, floor=Floor(),
+                   drive=Drive("shaking", 0.1, 0.0, 1.0), body=Material(), **DEFAULT)
+    chosen = replace(chosen, free=replace(chosen.free, counts=(("tile", 58),)))
+    s = Simulation(chosen)
+    seed = state(s)[:, :2]
+    beyond = -1.0
+    for _ in range(240):
+        s.advance(10)
+        p = corners(s).reshape(-1, 2)
+        if reactor.shape == "circle":
+            beyond = max(beyond, np.hypot(*p.T).max() - reactor.radius)
+        else:
+            beyond = max(beyond, np.abs(p[:, 0]).max() - 0.5 * reactor.width,
+                         np.abs(p[:, 1]).max() - 0.5 * reactor.height)
+    assert s.counts.impacts[0] > 1000
+    assert beyond < 0.005 * WIDTH
+    assert (state(s)[:, :2] == seed).all()
+
+
+# Drives.
+
+SPRINGS = """
+def spring(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
+    for i in range(x.size):
+        fx[i] -= p[0] * x[i]
+        fy[i] -= p[0] * y[i]
+
+
+def wind(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
+    for i in range(x.size):
+        fx[i] += p[0] * t
+        torque[i] += p[1]
+"""
+
+
+def with_engine(folder, function, parameters, tiles):
+    (folder / "springs.py").write_text(SPRINGS)
+    drive = Drive("user", module="springs.py", function=function, parameters=parameters)
+    return simulate(tiles, drive=drive, file=str(folder / "scene.toml"))
+
+
+def test_a_users_spring_makes_a_tile_swing(tmp_path):
+    """x = x0 cos(w t), y = (vy0/w) sin(w t), w = sqrt(k/m), to (w h)^2 of its size."""
+    k = 0.4
+    s = with_engine(tmp_path, "spring", (k,), [tile(0.1, 0.0, 0.2, 0.0, 0.3)])
+    w = math.sqrt(k / MASS)
+    for _ in range(12):
+        s.run(0.25)
+        assert s.x[0] == pytest.approx(0.1 * math.cos(w * s.time), abs=0.1 * (w * s.h) ** 2)
+        assert s.y[0] == pytest.approx(0.3 / w * math.sin(w * s.time), abs=0.1 * (w * s.h) ** 2)
+    assert s.angle[0] == 0.2
+
+
+def test_another_users_drive_does_not_recompile_the_core(tmp_path):
+    """v = a t^2/2 and omega = T t/I under a load that grows; no new signature."""
+    with_engine(tmp_path, "spring", (1.0,), [tile()]).run(0.1)
+    compiled = len(core.advance.signatures)
+    s = with_engine(tmp_path, "wind", (0.2, 1e-6), [tile()])
+    s.run(1.0)
+    assert s.vx[0] == pytest.approx(0.5 * 0.2 / MASS, rel=1e-9)
+    assert s.omega[0] == pytest.approx(1e-6 / INERTIA, rel=1e-9)
+    assert len(core.advance.signatures) == compiled
+
+
+def test_whole_numbers_in_a_scene_do_not_recompile_the_core():
+    """A friction of 1 is the float 1.0 by the time that the core sees it."""
+    s = simulate([tile(0, 0), tile(1, 0)], floor=Floor(linear=1, angular=0, gravity=10),
+                 body=Material(friction=0, restitution=1, mass=1, width=1, linear_damping=0),
+                 reactor=Reactor("rectangle", width=10, height=8, friction=1, restitution=0),
+                 tolerance=1)
+    for name, kind in get_type_hints(Numbers).items():
+        assert type(getattr(s.numbers, name)) is kind, name
+    assert isinstance(s.floor.force, float)
+    assert isinstance(s.floor.torque, float)
