@@ -8,13 +8,9 @@ import numpy as np
 
 from tbsa.model.scene import (
     SETS,
-    Drive,
-    Floor,
     Free,
-    Magnet,
     Material,
     PlacedTile,
-    Reactor,
     Record,
     Scene,
     Solver,
@@ -29,7 +25,6 @@ MU = 0.25
 SLIDING = MU * MASS * GRAVITY  # N, what the floor holds of a tile
 PLAIN = (TileType("tile", (0, 0, 0, 0), "grey"),)
 CHESSBOARD = SETS["chessboard"]
-FRICTIONLESS = Floor(linear=0.0, angular=0.0)
 
 
 def tile(x=0.0, y=0.0, angle=0.0, vx=0.0, vy=0.0, spin=0.0, *, held=False, kind="tile"):
@@ -44,8 +39,8 @@ def material(**changes):
 
 
 def scene(tiles, *, body=None, types=PLAIN, reactor=None, magnet=None, drive=None, floor=None,
-          step=1 / 120, substeps=4, tolerance=1e-12, passes=5000, file=""):
-    """A validated scene of `tiles`; nothing else is in it unless given.
+          step=1 / 120, substeps=4, tolerance=1e-12, passes=5000, file="", checked=True):
+    """A scene of `tiles`, validated unless told not to; nothing else is in it unless given.
 
     The default tolerance is far below the simulator's own: tests look at the physics of the
     solved contacts, not at where the solver stops.
@@ -55,7 +50,8 @@ def scene(tiles, *, body=None, types=PLAIN, reactor=None, magnet=None, drive=Non
         magnet=magnet, drive=drive, floor=floor, file=file,
         solver=Solver(step, substeps, tolerance, passes), record=Record(3600 * step, 3600 * step),
     )
-    result.validate()
+    if checked:
+        result.validate()
     return result
 
 
@@ -118,6 +114,3 @@ def cloud(n, seed, speed=0.3):
             placed = np.vstack([placed, (x, y, angle)])
     return [tile(x, y, angle, *(-speed / radius * np.array([x, y]) + 0.1 * rng.normal(size=2)),
                  5.0 * rng.normal()) for x, y, angle in placed.tolist()]
-
-
-__all__ = [name for name in globals() if not name.startswith("_")]

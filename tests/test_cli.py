@@ -622,3 +622,21 @@ def test_the_architecture_names_every_module():
 
 def test_runs_are_described_in_json(run):
     assert json.loads((run / "run.json").read_text())["finished"] is True
+
+
+def test_a_drive_that_cannot_be_compiled_is_bad_input(tmp_path, capsys):
+    """A user's engine with the wrong arguments: one line, exit code 2, nothing written."""
+    (tmp_path / "mine.py").write_text("def push(t, p):\n    pass\n")
+    config = tmp_path / "scene.toml"
+    config.write_text(
+        '[tiles]\nset = "chessboard"\n[[free.tile]]\ntype = "black"\nposition = [0, 0]\n'
+        '[drive]\nkind = "user"\nmodule = "mine.py"\nfunction = "push"\n'
+        "[run]\nduration = 10\n"
+    )
+    out = tmp_path / "out"
+    assert main(["run", str(config), "--out", str(out), "--quiet"]) == 2
+    error = capsys.readouterr().err.strip()
+    assert len(error.splitlines()) == 1
+    for word in ("scene.toml", "drive.function", "push", "cannot be compiled as a drive"):
+        assert word in error
+    assert not out.exists()

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scenes import WIDTH, Reactor, contact_rows, scene, tile
+from scenes import WIDTH, contact_rows, scene, tile
 from twins import cross, distance, dot, manifold, overlap_area, separations, vertices, wall_points
 
 from tbsa.kernels.contacts import SPARE
 from tbsa.kernels.geometry import BLUNT, circle_corner, separation, square_square
 from tbsa.model.layout import Layout
+from tbsa.model.scene import Reactor
 from tbsa.model.simulation import Simulation
 
 many = settings(deadline=None, max_examples=400)
@@ -245,7 +246,7 @@ def test_wall_rows_are_the_corners_near_the_wall(direction, angle, depth, circle
     assert list(rows["id0"]) == [name for name, *_ in expected]
     assert (rows["a"] == 0).all()
     assert (rows["b"] == 1).all()  # the ground
-    assert (rows["count"] == 1).all()
+    assert (rows["points"] == 1).all()
     for i, (_, gap, n, arm) in enumerate(expected):
         assert rows["gap0"][i] == pytest.approx(gap, abs=TINY)
         assert complex(rows["nx"][i], rows["ny"][i]) == pytest.approx(n, abs=1e-12)

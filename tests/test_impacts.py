@@ -8,24 +8,15 @@ from __future__ import annotations
 
 import cmath
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import (
-    INERTIA,
-    MASS,
-    WIDTH,
-    Drive,
-    Reactor,
-    material,
-    momentum,
-    simulate,
-    state,
-    tile,
-)
+from scenes import INERTIA, MASS, WIDTH, material, momentum, simulate, state, tile
 
+from tbsa.model.scene import Drive, Reactor
 from theory import impact
 
 H = 1 / 480
@@ -69,14 +60,19 @@ def predict(a, b, point, normal, mu, e):
     return result
 
 
-def cases(count, seed):
-    """Angle, velocity, spin, friction and restitution of tiles that hit with a corner."""
-    rng = np.random.default_rng(seed)
+FRICTIONS, RESTITUTIONS = (0.0, 0.05, 0.25, 1.0, 3.0), (0.0, 0.2, 0.7, 1.0)
+
+
+def blows(count, rng, flattest, steepest):
+    """Angle, velocity and spin of tiles that come down with a corner.
+
+    The angle is that of the nearer edge to the surface.
+    """
     for _ in range(count):
-        angle = rng.uniform(0.05, 0.5 * math.pi - 0.05)
+        angle = rng.uniform(flattest, steepest)
+        angle = rng.choice([angle, 0.5 * math.pi - angle])
         v = cmath.rect(rng.uniform(0.05, 0.5), rng.uniform(0.0, 2.0 * math.pi))
-        yield (angle, v, rng.normal() * 10.0, rng.choice([0.0, 0.05, 0.25, 1.0, 3.0]),
-               rng.choice([0.0, 0.2, rng.random(), 1.0]))
+        yield angle, v, rng.normal() * 10.0
 
 
 def corner_below(angle):
@@ -84,94 +80,90 @@ def corner_below(angle):
     return cmath.rect(DIAGONAL, angle - 0.75 * math.pi)
 
 
-def hits_alone(v, spin, arm):
-    """Whether the corner approaches, and no other corner is near enough to be a contact."""
-    margin = 0.02 * WIDTH + H * (abs(v) + 0.71 * WIDTH * abs(spin))
-    return velocity_at(v, spin, arm).imag < -0.02 and all(
-        (other - arm).imag > 1.5 * margin for other in (arm * 1j, arm / 1j))
-
-
-def compare(s, i, v, spin, size):
-    scale = size + WIDTH * 1.0
-    assert s.vx[i] == pytest.approx(v.real, abs=1e-7 * scale)
-    assert s.vy[i] == pytest.approx(v.imag, abs=1e-7 * scale)
-    assert s.omega[i] == pytest.approx(spin, abs=1e-7 * scale / WIDTH)
+def compare(s, i, v, spin, size, error=1e-7):
+    """Velocity and spin to `error` of `size`, the speed at the tile's rim."""
+    assert s.vx[i] == pytest.approx(v.real, abs=error * size)
+    assert s.vy[i] == pytest.approx(v.imag, abs=error * size)
+    assert s.omega[i] == pytest.approx(spin, abs=6.0 * error * size / WIDTH)
 
 
 MODES = {"sliding", "C-sticking", "R-sticking", "C-reversed", "R-reversed"}
+STRUCK = {"held": (0j, 0.0, FIXED), "free": (0.05 + 0.02j, 1.0, MASS)}  # velocity, spin, mass
 
 
-def test_a_corner_on_a_held_tiles_face_follows_rouths_process_in_every_mode():
-    """Velocity and spin after the impact to 1e-7; energy never rises; 400 oblique impacts."""
-    modes = set()
-    for angle, v, spin, mu, e in cases(400, 1):
-        arm = corner_below(angle)
-        if not hits_alone(v, spin, arm):
+def strike(kind, rng, mu, e, flattest, steepest):
+    """Tiles, far apart, each hit on the N face by the lowest corner of another one.
+
+    Returns the simulation after the impacts, and for each pair what Routh's process says and
+    the speed at the rim of the tile that came.
+    """
+    tiles, expected = [], []
+    for angle, v, spin in blows(30, rng, flattest, steepest):
+        place = complex(len(tiles) * 5.0 * WIDTH, 0.0)
+        arm, point = corner_below(angle), place + complex(0.1 * WIDTH, 0.5 * WIDTH)
+        centre, struck = point + 1j * TOUCH - arm, (place, *STRUCK[kind])
+        approach = velocity_at(v, spin, arm) - velocity_at(struck[1], struck[2], point - place)
+        if approach.imag > -0.02:
             continue
-        point = complex(0.1 * WIDTH, 0.5 * WIDTH)
-        centre = point + 1j * TOUCH - arm
-        s = simulate([tile(held=True), placed(centre, angle, v, spin)],
-                     body=material(friction=mu, restitution=e))
-        energy = s.kinetic_energy()
-        s.advance(1)
-        mode, _, _, after, turning = predict(
-            (0j, 0j, 0.0, FIXED), (centre, v, spin, MASS), point, 1j, mu, e)
-        modes.add(mode)
-        assert s.counts.impacts[0] == 1
-        compare(s, 1, after, turning, abs(v) + abs(spin) * WIDTH)
-        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
-    assert modes >= MODES
+        tiles.append(placed(*struck[:1], 0.0, *struck[1:3], held=kind == "held"))
+        tiles.append(placed(centre, angle, v, spin))
+        result = predict(struck, (centre, v, spin, MASS), point, 1j, mu, e)
+        expected.append((abs(v) + abs(spin) * WIDTH, *result))
+    s = simulate(tiles, body=material(friction=mu, restitution=e), checked=False)
+    energy = s.kinetic_energy()
+    s.advance(1)
+    assert s.counts.impacts[0] == len(expected)
+    assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+    return s, expected
 
 
-def test_a_corner_on_a_free_tiles_face_follows_rouths_process_for_both():
-    """The struck tile moves and turns, too."""
-    modes = set()
-    rng = np.random.default_rng(7)
-    for angle, v, spin, mu, e in cases(300, 2):
-        arm = corner_below(angle)
-        if not hits_alone(v, spin, arm):
-            continue
-        point = complex(rng.uniform(-0.4, 0.4) * WIDTH, 0.5 * WIDTH)
-        centre = point + 1j * TOUCH - arm
-        s = simulate([placed(0j, 0.0, 0.05 + 0.02j, 1.0), placed(centre, angle, v, spin)],
-                     body=material(friction=mu, restitution=e))
-        energy = s.kinetic_energy()
-        struck, hitter = (0j, 0.05 + 0.02j, 1.0, MASS), (centre, v, spin, MASS)
-        relative = velocity_at(v, spin, arm) - velocity_at(*struck[1:3], point)
-        if relative.imag > -0.02:
-            continue
-        s.advance(1)
-        mode, v_a, w_a, v_b, w_b = predict(struck, hitter, point, 1j, mu, e)
-        modes.add(mode)
-        compare(s, 0, v_a, w_a, abs(v) + abs(spin) * WIDTH)
-        compare(s, 1, v_b, w_b, abs(v) + abs(spin) * WIDTH)
-        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
-    assert modes >= MODES
+@pytest.mark.parametrize("kind", STRUCK)
+def test_a_corner_on_a_tiles_face_follows_rouths_process_in_every_mode(kind):
+    """Velocities and spins of both after an oblique impact to 1e-7; energy never rises."""
+    modes, rng = set(), np.random.default_rng(1)
+    for mu, e in product(FRICTIONS, RESTITUTIONS):
+        s, expected = strike(kind, rng, mu, e, 0.4, 0.25 * math.pi)
+        for i, (size, mode, v_a, w_a, v_b, w_b) in enumerate(expected):
+            compare(s, 2 * i, v_a, w_a, size)
+            compare(s, 2 * i + 1, v_b, w_b, size)
+            modes.add(mode)
+    assert modes == MODES
+
+
+@pytest.mark.parametrize("kind", STRUCK)
+def test_a_corner_of_an_almost_flat_tile_follows_rouths_process_nearly(kind):
+    """With the edge's other end near, too, to 1 %: both points share one lever arm of friction."""
+    rng = np.random.default_rng(2)
+    for mu, e in product(FRICTIONS, RESTITUTIONS):
+        s, expected = strike(kind, rng, mu, e, 0.2, 0.4)
+        for i, (size, _, v_a, w_a, v_b, w_b) in enumerate(expected):
+            compare(s, 2 * i, v_a, w_a, size, error=0.01)
+            compare(s, 2 * i + 1, v_b, w_b, size, error=0.01)
 
 
 @pytest.mark.parametrize("shape", ["circle", "rectangle"])
 def test_a_corner_on_a_wall_follows_rouths_process_in_every_mode(shape):
     """The corner hits the wall at its lowest point; friction and restitution are the wall's."""
-    modes = set()
-    for angle, v, spin, mu, e in cases(400, 3):
-        arm = corner_below(angle)
-        if not hits_alone(v, spin, arm):
-            continue
+    modes, rng, point = set(), np.random.default_rng(3), complex(0.0, -0.1)
+    for mu, e in product(FRICTIONS, RESTITUTIONS):
         reactor = (Reactor("circle", 0.1, friction=mu, restitution=e) if shape == "circle" else
                    Reactor("rectangle", width=0.2, height=0.2, friction=mu, restitution=e))
-        point = complex(0.0, -0.1)
-        centre = point + 1j * TOUCH - arm
-        s = simulate([placed(centre, angle, v, spin)], reactor=reactor,
-                     body=material(friction=0.7, restitution=0.5))
-        energy = s.kinetic_energy()
-        s.advance(1)
-        mode, after, turning, *_ = predict(
-            (centre, v, spin, MASS), (0j, 0j, 0.0, FIXED), point, -1j, mu, e)
-        modes.add(mode)
-        assert s.counts.impacts[0] == 1
-        compare(s, 0, after, turning, abs(v) + abs(spin) * WIDTH)
-        assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
-    assert modes >= MODES
+        for angle, v, spin in blows(8, rng, 0.4, 0.25 * math.pi):
+            arm = corner_below(angle)
+            if velocity_at(v, spin, arm).imag > -0.02:
+                continue
+            centre = point + 1j * TOUCH - arm
+            s = simulate([placed(centre, angle, v, spin)], reactor=reactor, checked=False,
+                         body=material(friction=0.7, restitution=0.5))
+            energy = s.kinetic_energy()
+            s.advance(1)
+            assert s.counts.impacts[0] == 1
+            assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+            mode, after, turning, *_ = predict(
+                (centre, v, spin, MASS), (0j, 0j, 0.0, FIXED), point, -1j, mu, e)
+            compare(s, 0, after, turning, abs(v) + abs(spin) * WIDTH)
+            modes.add(mode)
+    assert modes == MODES
 
 
 GROUNDS = {
@@ -197,7 +189,7 @@ def test_a_rocking_square_keeps_a_quarter_of_its_spin_at_each_impact(ground, mu,
     arm = cmath.rect(DIAGONAL, (0.75 if side > 0 else 0.25) * math.pi - tilt)
     centre = pivot + arm
     s = simulate([*held, placed(centre, -tilt, 1j * spin * arm, spin)], reactor=reactor,
-                 body=material(friction=mu, restitution=0.0))
+                 body=material(friction=mu, restitution=0.0), checked=False)
     s.advance(1)
     i = len(held)
     new = -complex(pivot.real, 0.5 * WIDTH)  # the corner that it lands on, from the centre
@@ -277,7 +269,7 @@ def cluster(rng, n):
                  held=False) for cell in cells.tolist()]
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=80)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.floats(0.0, 1.0),
        st.sampled_from([0.0, 0.2, 0.7, 1.0]), st.booleans())
 def test_no_cluster_gains_energy_or_momentum_in_an_impact(seed, n, mu, e, tight):
@@ -287,12 +279,10 @@ def test_no_cluster_gains_energy_or_momentum_in_an_impact(seed, n, mu, e, tight)
                  body=material(friction=mu, restitution=e), **solver)
     for _ in range(3):
         energy, (before, _) = s.kinetic_energy(), momentum(s)
-        projections = s.counts.projections[0]
         s.advance(1)
         after, scale = momentum(s)
         assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
-        kept = 2 if s.counts.projections[0] > projections else 3
-        assert (np.abs(after - before)[:kept] <= 1e-12 * scale[:kept]).all()
+        assert (np.abs(after - before) <= 1e-12 * scale).all()
     assert np.isfinite(state(s)).all()
 
 

@@ -19,12 +19,6 @@ from scenes import (
     MU,
     SLIDING,
     WIDTH,
-    Drive,
-    Floor,
-    Magnet,
-    Material,
-    Reactor,
-    TileType,
     cloud,
     corners,
     material,
@@ -38,6 +32,7 @@ from scenes import (
 
 from tbsa.kernels import advance as core
 from tbsa.kernels.solver import SLOP, Numbers
+from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
 from tbsa.model.simulation import Simulation, floor_limits
 from theory import magnets, motion
 from theory.floor import engine_torque, max_torque
@@ -283,32 +278,27 @@ CLOUDS = [(n, mu, e, seed) for n in (2, 5, 10, 20, 50) for mu in (0.0, 0.25, 1.0
 def test_collisions_keep_momentum_and_never_raise_the_kinetic_energy():
     """Sum of m v and of m r x v + I omega, to 1e-12 of the sums of their sizes.
 
-    2 to 50 tiles thrown together, half a second, looked at after every substep.  Moving tiles
-    out of a deep overlap (`solver.project`) keeps the momentum but shifts the angular momentum
-    a little: below 1e-4 in any one substep.
+    2 to 50 tiles thrown together, half a second, looked at after every substep.  It holds where
+    tiles are moved out of a deep overlap, too (`solver.project`), and there are such substeps.
     """
-    wrong = []
+    wrong, projections = [], 0
     for case in CLOUDS:
         n, mu, e, seed = case
         s = simulate(cloud(n, seed), body=material(friction=mu, restitution=e),
                      tolerance=1e-9, passes=2000)
         (before, _), energy = momentum(s), s.kinetic_energy()
-        linear = angular = moved = rise = 0.0
+        change, rise = np.zeros(3), 0.0
         for _ in range(240):
-            projections = s.counts.projections[0]
             s.advance(1)
             now, scale = momentum(s)
-            change = np.abs(now - before) / scale
-            linear = max(linear, change[:2].max())
-            if s.counts.projections[0] > projections:
-                moved = max(moved, change[2])
-            else:
-                angular = max(angular, change[2])
+            change = np.maximum(change, np.abs(now - before) / scale)
             rise = max(rise, s.kinetic_energy() / energy - 1.0)
-            before, energy = now, s.kinetic_energy()
+            energy = s.kinetic_energy()
         assert s.counts.impacts[0] > 0
-        if linear > 1e-13 or angular > 1e-13 or moved > 1e-4 or rise > 1e-12:
-            wrong.append((*case, linear, angular, moved, rise))
+        projections += s.counts.projections[0]
+        if change.max() > 1e-12 or rise > 1e-12:
+            wrong.append((*case, *change, rise))
+    assert projections > 100
     assert not wrong, f"{len(wrong)} of {len(CLOUDS)} (n, mu, e, seed, ...): {wrong}"
 
 

@@ -306,11 +306,12 @@ def test_an_entry_cut_off_by_a_kill_is_not_read_and_is_overwritten(scene, tmp_pa
 
 
 def test_records_beyond_the_checkpoint_are_written_again(scene, whole, tmp_path):
-    folder = tmp_path / "behind"
+    folder, shorter = tmp_path / "behind", tmp_path / "shorter"
     records.run(lasting(scene, 1.0), folder)
     shutil.copy(whole / "records.npy", folder)
-    assert records.run(scene, folder, resume=True).finished
-    assert same(folder, whole) == []
+    assert records.run(lasting(scene, 2.0), folder, resume=True).finished
+    records.run(lasting(scene, 2.0), shorter)
+    assert same(folder, shorter) == []
 
 
 # ---------------------------------------------------------------------------------------------

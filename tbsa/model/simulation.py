@@ -264,7 +264,15 @@ def _engine(scene: Scene) -> tuple[Any, Floats]:
     if drive is None:
         return drives.engine(drives.no_drive), np.zeros(1)
     if drive.kind == "user":
-        return drives.engine(_user_function(scene)), np.array([*drive.parameters, 0.0])
+        function = _user_function(scene)
+        try:
+            return drives.engine(function), np.array([*drive.parameters, 0.0])
+        except Exception as error:
+            reason = str(error).strip().splitlines()[0]
+            raise InputError(
+                f"cannot be compiled as a drive (see tbsa.kernels.drives): {reason}",
+                file=scene.file, field="drive.function", value=drive.function,
+            ) from error
     if drive.kind == "constant":
         assert isinstance(drive.force, tuple)
         return drives.engine(drives.constant), np.array([*drive.force, drive.torque])

@@ -206,10 +206,13 @@ def summary_figure(
     for k, (name, rows) in enumerate(tables.items()):
         hue, dash = LINES[k % len(LINES)]
         for ax, column in zip(axes, ("size", "errors_percent", "holes_percent"), strict=True):
-            ax.plot(rows["time"], rows[column], color=hue, linestyle=dash, label=name)
+            # Unclipped: a curve along zero would lose half its width to the axis.
+            ax.plot(rows["time"], rows[column], color=hue, linestyle=dash, label=name,
+                    clip_on=False, zorder=3)
+    end = max(float(rows["time"].max()) for rows in tables.values())
     what = ("attached tiles", "errors (% of attached)", "holes (% of attached)")
     for ax, label in zip(axes, what, strict=True):
-        ax.set(xlabel="time (s)", ylabel=label)
+        ax.set(xlabel="time (s)", ylabel=label, xlim=(0.0, max(end, 1e-9)))
         ax.set_ylim(bottom=0.0, top=max(ax.get_ylim()[1], 1.0))
         ax.grid(color="#d8d8d8", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,345 @@
+"""The kernels: pair lists, magnets, symmetries, bitwise promises, and how they are compiled."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import CHESSBOARD, WIDTH, material, scene, simulate, state, tile, turned
+from twins import all_magnet_forces, near_pairs
+
+import tbsa
+from tbsa.kernels import jit
+from tbsa.kernels.neighbours import build_pairs, empty_pairs
+from tbsa.model.layout import Layout
+from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
+from tbsa.model.simulation import Simulation, SimulationError
+from tbsa.model.tiles import mirrored
+from theory import magnets
+
+PACKAGE = Path(tbsa.__file__).parent
+DEFAULT = {"tolerance": 3e-4, "passes": 8}
+
+
+# Pair lists.
+
+
+def listed(x, y, mobile, reach, skin, capacity=4096):
+    """The pairs in the kernel's order, and the number it reports."""
+    n = len(x)
+    pairs = empty_pairs(n, capacity)
+    found = build_pairs(pairs, n, np.array(x, float), np.array(y, float),
+                        np.array(mobile, float), reach, skin)
+    if found < 0 or found > capacity:
+        return None, found, pairs
+    return [(a, int(b)) for a in range(n)
+            for b in pairs.other[pairs.start[a] : pairs.start[a + 1]]], found, pairs
+
+
+PLACES = {
+    "spread": lambda rng, n: rng.uniform(-0.3, 0.3, (2, n)),
+    "clustered": lambda rng, n: rng.choice([-0.2, 0.0, 0.25], (2, n)) + rng.normal(0, 0.02, (2, n)),
+    "a long row": lambda rng, n: np.array([np.sort(rng.uniform(0, 3, n)), np.full(n, 0.1)]),
+    "far apart": lambda rng, n: rng.uniform(-1e4, 1e4, (2, n)),
+    "two far clusters": lambda rng, n: rng.normal(0, 0.03, (2, n)) + np.where(
+        rng.random(n) < 0.5, 0.0, 5e3),
+    "one place": lambda rng, n: np.full((2, n), 0.4),
+    "on the edges of cells": lambda rng, n: rng.integers(-6, 7, (2, n)) * 0.03125,
+}
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(sorted(PLACES)), st.integers(1, 60), st.integers(0, 2**32 - 1))
+def test_the_pair_list_is_every_near_pair_in_order(places, n, seed):
+    """Against the comparison of all pairs; pairs of held tiles are left out."""
+    rng = np.random.default_rng(seed)
+    x, y = PLACES[places](rng, n)
+    mobile = rng.random(n) < 0.7
+    found, number, pairs = listed(x, y, mobile, 0.05, 0.0125)
+    assert found == near_pairs(x, y, mobile, 0.0625)
+    assert number == len(found)
+    assert pairs.skin[0] == 0.0125
+    assert (pairs.x == x).all()
+
+
+def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(0, 0.05, (2, 30))
+    _, number, pairs = listed(x, y, np.ones(30), 0.05, 0.01, capacity=16)
+    assert number == len(near_pairs(x, y, np.ones(30), 0.06)) > 16
+    assert pairs.skin[0] == 0.0  # never built
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_place_that_is_no_number_is_reported(bad):
+    assert listed([0.0, bad], [0.0, 0.0], [1, 1], 0.05, 0.01)[1] == -1
+    s = simulate([tile(), tile(0.1)])
+    s.x[1] = bad
+    with pytest.raises(SimulationError, match="finite"):
+        s.advance(1)
+
+
+def grid():
+    """64 tiles of which every pair is within the magnets' reach; their list starts too small."""
+    return scene([tile(0.045 * i, 0.045 * j, 0.3 * i - 0.2 * j, kind="black" if (i + j) % 2 else
+                       "white") for i in range(8) for j in range(8)],
+                 types=CHESSBOARD, magnet=Magnet(cutoff=0.5), body=Material(), **DEFAULT)
+
+
+def test_a_list_that_grows_in_a_run_makes_no_difference():
+    small, large = Simulation(grid()), Simulation(grid())
+    capacity = small._work.pairs.other.size
+    large._grow()
+    large._grow()
+    for s in (small, large):
+        s.advance(3)
+    assert capacity < 64 * 63 // 2 <= small._work.pairs.other.size
+    assert (state(small) == state(large)).all()
+    assert (small.state.impulses.size == large.state.impulses.size).all()
+
+
+def test_a_list_that_grows_for_the_forces_makes_no_difference():
+    s, large = Simulation(grid()), Simulation(grid())
+    large._grow()
+    large._grow()
+    assert (np.array(s.magnet_forces()) == np.array(large.magnet_forces())).all()
+
+
+# Bits.
+
+
+def crowd(seed=3):
+    chosen = scene([tile(held=True, kind="black"), tile(WIDTH, 0, held=True, kind="white")],
+                   types=CHESSBOARD, magnet=Magnet(), reactor=Reactor("circle", 0.16),
+                   floor=Floor(), drive=Drive("unicycle", 0.1, 1e-3, 2.0), body=Material(),
+                   **DEFAULT)
+    return replace(chosen, free=replace(chosen.free, counts=(("black", 14), ("white", 14))),
+                   run=replace(chosen.run, seed=seed))
+
+
+def test_the_same_scene_gives_the_same_bits_however_it_is_cut_into_calls():
+    whole, cut = Simulation(crowd()), Simulation(crowd())
+    whole.advance(600)
+    done, rng = 0, np.random.default_rng(1)
+    while done < 600:
+        part = min(int(rng.integers(1, 40)), 600 - done)
+        cut.advance(part)
+        done += part
+    assert whole.counts.impacts[0] > 100
+    assert (state(whole) == state(cut)).all()
+    for a, b in zip(whole.state.impulses, cut.state.impulses, strict=True):
+        assert (a[: int(whole.state.impulses.size[0])] == b[: int(whole.state.impulses.size[0])]
+                ).all()
+
+
+def test_results_do_not_depend_on_when_the_pair_list_was_built():
+    rarely, always = Simulation(crowd()), Simulation(crowd())
+    rarely.advance(400)
+    for _ in range(400):
+        always._work.pairs.skin[0] = 0.0
+        always.advance(1)
+    assert always.counts.lists[0] == 400 > 2 * rarely.counts.lists[0]
+    assert (state(rarely) == state(always)).all()
+
+
+def test_looking_at_a_simulation_does_not_change_it():
+    seen, left = Simulation(crowd()), Simulation(crowd())
+    for _ in range(20):
+        seen.advance(10)
+        seen.magnet_forces()
+        seen.contact_forces()
+        seen.kinetic_energy()
+    left.advance(200)
+    assert (state(seen) == state(left)).all()
+
+
+# Magnets.
+
+SETS = {
+    "chessboard": (CHESSBOARD, -1),
+    "no force without a match": (CHESSBOARD, 0),
+    "edges without magnets": ((TileType("a", (1, 0, -2, 3), "red"),
+                               TileType("b", (0, -1, 2, 0), "blue")), -1),
+    "no magnets on one type": ((TileType("a", (0, 0, 0, 0), "red"),
+                                TileType("b", (1, -1, 2, -2), "blue")), 0),
+}
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sampled_from(sorted(SETS)), st.integers(2, 9), st.sampled_from([0.02, 0.03, 0.07]),
+       st.integers(0, 2**32 - 1))
+def test_magnet_forces_are_the_sum_over_all_pairs_of_magnets(name, n, cutoff, seed):
+    """Force and torque about the centre of every tile, tiles anywhere (overlap, too), to 1e-12."""
+    types, mismatch = SETS[name]
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-0.06, 0.06, (2, n))
+    angle, kind = rng.uniform(-7.0, 7.0, n), rng.integers(0, len(types), n)
+    chosen = scene([tile(0.1 * i, 0, kind=types[0].name) for i in range(n)], types=types,
+                   magnet=Magnet(cutoff=cutoff, mismatch=mismatch))
+    zero, no = np.zeros(n), np.zeros(n, bool)
+    s = Simulation(chosen, Layout(x, y, angle, zero, zero, zero, kind, no, no))
+    law = magnets.Law(cutoff=cutoff, switch=0.1, mismatch=mismatch)
+    expected = np.array(all_magnet_forces(x, y, angle, [types[k].glues for k in kind], law,
+                                          magnets.pair_force)).T
+    assert np.array(s.magnet_forces()) == pytest.approx(
+        expected, abs=1e-12 * np.abs(expected).max())
+
+
+def test_magnets_push_no_scene_as_a_whole():
+    """Forces add up to nothing, and torques about the origin, too."""
+    s = Simulation(crowd())
+    fx, fy, torque = s.magnet_forces()
+    assert np.abs(fx).max() > 1e-3
+    size = np.hypot(fx, fy).sum()
+    assert abs(fx.sum()) < 1e-14 * size
+    assert abs(fy.sum()) < 1e-14 * size
+    assert abs((s.x * fy - s.y * fx + torque).sum()) < 1e-14 * size
+
+
+# Symmetry of whole scenes.
+
+GROUP = [  # x, y, angle, vx, vy, spin, type
+    (-0.035, 0.001, 0.1, 0.2, 0.0, 1.0, "black"), (0.0, -0.002, -0.2, 0.0, 0.02, -2.0, "white"),
+    (0.002, 0.036, 0.3, -0.02, -0.3, 0.5, "black"), (0.038, 0.004, 0.0, -0.25, 0.03, 0.0, "white"),
+    (0.001, -0.04, 1.0, 0.05, 0.2, 3.0, "black"),
+]
+
+
+def play(group, types=CHESSBOARD, torque=2e-4, law="coupled"):
+    """A fifth of a second of five tiles that collide and bond inside a wall."""
+    s = simulate([tile(*values[:6], kind=values[6]) for values in group], types=types,
+                 magnet=Magnet(), reactor=Reactor("circle", 0.075), floor=Floor(law) if law !=
+                 "separate" else Floor(angular=0.05), drive=Drive("unicycle", 0.06, torque, 1.0),
+                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-13,
+                 passes=20_000)
+    s.run(0.2)
+    assert s.counts.impacts[0] >= 5
+    assert s.counts.unconverged[0] == 0
+    return state(s)
+
+
+LAWS = ("separate", "coupled", "exact")
+
+
+def agree(found, expected):
+    """Lengths in widths, angles in rad, speeds in m/s, spins in rad/s, all to 1e-6."""
+    scale = np.array([WIDTH, WIDTH, 1.0, 1.0, 1.0, 10.0])[:, None]
+    assert np.abs((found - expected) / scale).max() < 1e-6
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_turned_scene_goes_the_same_way(law):
+    phi = 0.7
+    group = [(*turned(x, y, phi), a + phi, *turned(vx, vy, phi), w, kind)
+             for x, y, a, vx, vy, w, kind in GROUP]
+    x, y, a, vx, vy, w = play(GROUP, law=law)
+    agree(play(group, law=law), np.array([*turned(x, y, phi), a + phi, *turned(vx, vy, phi), w]))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_mirrored_scene_goes_the_mirrored_way(law):
+    """x -> -x: angles, spins and the drive's torque change sign, E and W change places."""
+    types = tuple(mirrored(kind) for kind in CHESSBOARD)
+    group = [(-x, y, -a, -vx, vy, -w, kind) for x, y, a, vx, vy, w, kind in GROUP]
+    x, y, a, vx, vy, w = play(GROUP, law=law)
+    agree(play(group, types, -2e-4, law=law), np.array([-x, y, -a, -vx, vy, -w]))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_tiles_in_another_order_go_the_same_way(law):
+    order = [3, 0, 4, 2, 1]
+    agree(play([GROUP[i] for i in order], law=law), play(GROUP, law=law)[:, order])
+
+
+# Compilation.
+
+
+def python(code, folder, **environment):
+    """What a fresh Python prints as JSON, `folder` first on its path."""
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=600,
+        env=os.environ | {"PYTHONPATH": str(folder)} | environment)
+    assert result.returncode == 0, result.stderr[-3000:]
+    return json.loads(result.stdout)
+
+
+def test_the_hash_sees_every_change_of_a_kernels_source(tmp_path):
+    folder = tmp_path / "kernels"
+    shutil.copytree(PACKAGE / "kernels", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    assert jit.source_hash(folder) == jit.source_hash()
+    seen = {jit.source_hash()}
+    for path in sorted(folder.glob("*.py")):
+        text = path.read_text()
+        path.write_text(text + "\n# changed\n")
+        seen.add(jit.source_hash(folder))
+        path.write_text(text)
+    (folder / "one_more.py").write_text("")
+    seen.add(jit.source_hash(folder))
+    assert len(seen) == len(list(folder.glob("*.py"))) + 1
+    (folder / "one_more.py").unlink()
+    (folder / "geometry.py").rename(folder / "shape.py")
+    assert jit.source_hash(folder) not in seen
+
+
+BOND = """
+import json
+from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Scene
+from tbsa.model.simulation import Simulation
+tiles = (PlacedTile("black", (0.0, 0.0)), PlacedTile("white", (0.03, 0.0)))
+s = Simulation(Scene(types=SETS["chessboard"], free=Free((), tiles), magnet=Magnet()))
+print(json.dumps([list(part) for part in s.magnet_forces()]))
+"""
+
+
+def test_a_changed_helper_takes_effect_although_kernels_are_cached(tmp_path):
+    """Doubling the force in a helper doubles what the cached kernel of its caller returns."""
+    shutil.copytree(PACKAGE, tmp_path / "tbsa", ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {"TBSA_CACHE_DIR": str(tmp_path / "cache")}
+    before = np.array(python(BOND, tmp_path, **environment))
+    helper = tmp_path / "tbsa" / "kernels" / "magnets.py"
+    text = helper.read_text()
+    changed = text.replace("return switch * law.alpha", "return 2.0 * switch * law.alpha")
+    assert changed != text
+    helper.write_text(changed)
+    after = np.array(python(BOND, tmp_path, **environment))
+    assert before[0, 0] == pytest.approx(0.1312, abs=1e-4)
+    assert after == pytest.approx(2.0 * before, rel=1e-14)
+    assert len(list((tmp_path / "cache" / "tbsa").iterdir())) == 2
+
+
+SMALL = """
+import json
+from tbsa.model.scene import *
+from tbsa.model.simulation import Simulation
+tiles = (PlacedTile("black", (0.001, 0.002), 0.1, (0.1, -0.05), 2.0),
+         PlacedTile("white", (0.033, 0.0), -0.05, (-0.3, 0.1), 1.0),
+         PlacedTile("black", (0.034, 0.034), 0.0, held=True))
+s = Simulation(Scene(types=SETS["chessboard"], free=Free((), tiles), magnet=Magnet(),
+                     floor=Floor(LAW), reactor=Reactor("circle", 0.062),
+                     drive=Drive("shaking", 0.3, 0.0, 3.0)))
+s.advance(20)
+values = [list(map(float, part)) for part in (s.x, s.y, s.angle, s.vx, s.vy, s.omega)]
+print(json.dumps([values, int(s.counts.impacts[0]), int(s.counts.rows[0])]))
+"""
+
+
+def test_the_kernels_without_the_compiler_give_the_same_numbers():
+    """Three tiles, magnets, floor, wall and collisions: the same to 1e-12 as plain Python."""
+    root = PACKAGE.parent
+    for law in ('"separate"', '"exact"'):
+        code = SMALL.replace("LAW", law)
+        fast, impacts, rows = python(code, root)
+        slow, *same = python(code, root, NUMBA_DISABLE_JIT="1")
+        assert same == [impacts, rows]
+        assert impacts > 0
+        assert np.array(slow) == pytest.approx(np.array(fast), rel=1e-12, abs=1e-14)
