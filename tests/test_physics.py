@@ -31,13 +31,13 @@ from scenes import (
 )
 
 from tbsa.kernels import advance as core
-from tbsa.kernels.solver import SLOP, Numbers
-from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
+from tbsa.kernels.solver import Numbers
+from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, Solver, TileType
 from tbsa.model.simulation import Simulation, floor_limits
 from theory import magnets, motion
 from theory.floor import engine_torque, max_torque
 
-DEFAULT = {"tolerance": 3e-4, "passes": 8}  # the simulator's own solver settings
+DEFAULT = {"tolerance": Solver().tolerance, "passes": Solver().passes}
 LAWS = ("separate", "coupled", "exact")
 
 
@@ -339,12 +339,11 @@ def test_two_tiles_in_orbit_keep_kinetic_and_magnet_energy_to_second_order():
 
 
 @pytest.mark.parametrize("turn", [0.0, math.pi / 6])
-@pytest.mark.parametrize(("solver", "depth"), [({}, 1e-4), (DEFAULT, SLOP)],
-                         ids=["tight", "default"])
-def test_a_pressed_row_carries_the_sum_of_the_loads_behind_each_contact(turn, solver, depth):
+@pytest.mark.parametrize("solver", [{}, DEFAULT], ids=["tight", "default"])
+def test_a_pressed_row_carries_the_sum_of_the_loads_behind_each_contact(turn, solver):
     """Ten tiles, 0.075 N each, against a held one: contact k carries (11 - k) 0.075 N.
 
-    The solver's default leaves overlap up to its slop, the tight one next to none.
+    They overlap by less than 1e-4 of the width.
     """
     u = np.array([math.cos(turn), math.sin(turn)])
     tiles = [tile(0, 0, turn, held=True), *(tile(*(-i * WIDTH * u), turn) for i in range(1, 11))]
@@ -358,7 +357,7 @@ def test_a_pressed_row_carries_the_sum_of_the_loads_behind_each_contact(turn, so
     # One that presses at one end more than at the other would turn.
     assert contact["normal0"] == pytest.approx(contact["normal1"], rel=1e-3)
     along = s.x * u[0] + s.y * u[1]
-    assert np.abs(-np.diff(along) - WIDTH).max() < depth * WIDTH
+    assert np.abs(-np.diff(along) - WIDTH).max() < 1e-4 * WIDTH
     assert np.abs(s.x * u[1] - s.y * u[0]).max() < 1e-6 * WIDTH
     assert np.abs(state(s)[3:]).max() < 1e-9
 

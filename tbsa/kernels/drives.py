@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,9 @@ _array = types.Array(types.float64, 1, "C")
 ENGINE = types.void(_scalar, *[_array] * 12)
 
 
+@cache
 def engine(function: Callable[..., None]) -> Any:
-    """Compile `function` (see the module's text) for use as a drive."""
+    """Compile `function` (see the module's text) for use as a drive; once a process."""
     return cfunc(ENGINE, error_model="numpy")(function)
 
 

@@ -75,10 +75,18 @@ def lone_impact(rows: Rows, i: int, k: Numbers, im: float, ii: float, v: Bodies)
         gap_other, vn_other = rows.gap0[i], rows.vn0[i]
     vx, vy, w = v.vx, v.vy, v.w
     ma, mb = v.mobile[a], v.mobile[b]
+    ktt = rows.ktt[i]
+    if rows.points[i] == 2:
+        # The row's friction acts midway between its points; this impact at the one that hits.
+        # An even first id says that the face is a's (see `square_square`).
+        aside = 0.25 * (rows.gap1[i] - rows.gap0[i]) * (1.0 if second else -1.0)
+        aside *= 1.0 if rows.id0[i] % 2 == 0 else -1.0
+        at, bt = at + aside, bt + aside
+        ktt = im * (ma + mb) + ii * (ma * at * at + mb * bt * bt)
     knt = ii * (ma * an * at + mb * bn * bt)
     vt = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a]) + bt * w[b] - at * w[a]
     wall = b == k.n
-    pn, pt = routh(vn, vt, knn, rows.ktt[i], knt, k.mu_wall if wall else k.mu,
+    pn, pt = routh(vn, vt, knn, ktt, knt, k.mu_wall if wall else k.mu,
                    k.e_wall if wall else k.e)
     if rows.points[i] == 2:
         an2, bn2 = (rows.an0[i], rows.bn0[i]) if second else (rows.an1[i], rows.bn1[i])

@@ -139,7 +139,7 @@ class Solver:
     step: float = 1 / 120  # s
     substeps: int = 4  # per step
     tolerance: float = 3e-4  # m/s: a pass that changes no contact velocity by more ends the solve
-    passes: int = 8  # at most, a substep
+    passes: int = 40  # at most, a substep
 
 
 @dataclass(frozen=True)

@@ -107,26 +107,29 @@ class Simulation:
         )
         wall_friction, wall_restitution = (wall.friction, wall.restitution) if wall else (0.0, 0.0)
         circle = wall is not None and wall.shape == "circle"
+        # Every float a float: another type would be another signature, compiled anew.
         self.numbers = Numbers(
-            n=n, width=body.width, h=self.h, mass=body.mass,
-            inertia=body.mass * body.width**2 / 6.0,
-            linear_damping=body.linear_damping, angular_damping=body.angular_damping,
-            mu=body.friction, mu_wall=wall_friction, e=body.restitution,
-            e_wall=wall_restitution, threshold=body.restitution_threshold,
-            tolerance=scene.solver.tolerance, passes=scene.solver.passes,
+            n=n, width=float(body.width), h=self.h, mass=float(body.mass),
+            inertia=float(body.mass * body.width**2 / 6.0),
+            linear_damping=float(body.linear_damping),
+            angular_damping=float(body.angular_damping),
+            mu=float(body.friction), mu_wall=float(wall_friction), e=float(body.restitution),
+            e_wall=float(wall_restitution), threshold=float(body.restitution_threshold),
+            tolerance=float(scene.solver.tolerance), passes=int(scene.solver.passes),
             wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
-            wall_x=0.0 if wall is None else wall.radius if circle else 0.5 * wall.width,
+            wall_x=0.0 if wall is None else float(wall.radius if circle else 0.5 * wall.width),
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,
         )
         law = {"separate": SEPARATE, "coupled": COUPLED, "exact": EXACT}
-        self.floor = FloorLaw(law[scene.floor.law] if scene.floor else NONE, *floor_limits(scene))
+        self.floor = FloorLaw(law[scene.floor.law] if scene.floor else NONE,
+                              *(float(limit) for limit in floor_limits(scene)))
         if magnet is None or not self.tiles.glues.any():
             self.magnets = MagnetLaw(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
         else:
-            self.magnets = MagnetLaw(
+            self.magnets = MagnetLaw(*(float(number) for number in (
                 magnet.alpha, magnet.beta, 0.5 * body.width - magnet.inset, magnet.cutoff,
-                magnet.cutoff * (1.0 - magnet.switch), float(magnet.mismatch),
-            )
+                magnet.cutoff * (1.0 - magnet.switch), magnet.mismatch,
+            )))
         self.engine, self.parameters = _engine(scene)
         # A lone tile has no pairs, and then there is no list to keep.
         reach = max(1.42 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
