@@ -140,7 +140,8 @@ def _against(what: str, load: float, limit: float, verb: str) -> str:
     if limit == 0.0:
         return f"the drive's {what} meets no friction"
     verdict = f"{verb}s" if load > limit else f"does not {verb}"
-    return f"the drive's {what} is {load / limit:.3g} x the floor's: it {verdict} a lone tile"
+    return (f"the drive's {what} is {load / limit:.3g} x the floor's: "
+            f"it {verdict} a lone tile at rest")
 
 
 def _solver(scene: Scene) -> list[str]:
