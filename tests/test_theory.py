@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from tbsa.kernels.routh import routh as kernel_routh
@@ -162,6 +162,120 @@ def test_driven_tile_without_floor_friction_is_the_closed_form():
     for t, state in zip([1.0, 7.0], motion.driven_tile([1.0, 7.0], **free), strict=True):
         v = a * (c * math.sin(w * t) - w * math.cos(w * t) + w * math.exp(-c * t)) / (c * c + w * w)
         assert state[3:5] == pytest.approx([0.0, v], abs=1e-9)
+
+
+HARD = {**TILE, "friction_torque": 6.797e-4}
+
+
+def lab_frame(t, y, torque, resting):
+    """Rates of a sliding tile under HARD, written down once more, in the lab's frame."""
+    u, heading = math.sin(0.2 * math.pi * t), y[2] + 0.5 * math.pi
+    speed = math.hypot(y[3], y[4])
+    ax, ay = ((u * 0.075 * unit - 0.03924 * v / speed) / 0.016 - 0.8 * v
+              for unit, v in ((math.cos(heading), y[3]), (math.sin(heading), y[4])))
+    alpha = (u * torque - math.copysign(6.797e-4, y[5])) / HARD["inertia"] - 0.5 * y[5]
+    return [y[3], y[4], y[5], ax, ay, 0.0 if resting else alpha]
+
+
+@pytest.mark.parametrize(("torque", "begin", "end", "resting"), [
+    (7e-4, 10.877, 12.1, True),  # 0.6 ms after a slip began
+    (7e-4, 12.2, 13.0, False),
+    (7e-4, 14.0, 14.9, True),
+    (3e-3, 0.9, 1.1, False),
+    (3e-3, 2.5, 2.51, False),  # 2 turns
+])
+def test_driven_tile_goes_as_an_explicit_method_in_the_lab_frame_does(torque, begin, end, resting):
+    states = motion.driven_tile([begin, end], **{**HARD, "torque": torque},
+                                start=(0, 0, 0.3, 0, 0, 0))
+    assert (states[0, 5] == 0.0) == resting
+    expected = solve_ivp(lab_frame, (begin, end), states[0], method="DOP853", rtol=1e-13,
+                         atol=1e-15, args=(torque, resting)).y[:, -1]
+    size = np.abs(states).max(axis=0)
+    assert np.abs(states[1] - expected)[:2] == pytest.approx(0.0, abs=1e-11 * size[:2].max())
+    assert states[1, 2] == pytest.approx(expected[2], rel=1e-11)
+    assert np.abs(states[1] - expected)[3:5] == pytest.approx(0.0, abs=1e-11 * size[3:5].max())
+    assert states[1, 5] == pytest.approx(expected[5], rel=1e-11)
+
+
+def test_driven_tile_leaves_rest_along_the_force():
+    """A slip starts at 10.8763 s and goes straight until the torque turns the tile at 12.1 s."""
+    t0, _, velocity, _ = one_way(0.075, 0.03924, 0.016, 0.8, 0.1)
+    times = 10.0 + t0 + np.array([-1e-6, 1e-5, 1e-3, 0.1, 1.0])
+    still, *states = motion.driven_tile(times, **{**HARD, "torque": 7e-4},
+                                        start=(0, 0, 0.3, 0, 0, 0))
+    assert np.all(still[3:] == 0.0)
+    heading = still[2] + 0.5 * math.pi
+    for t, state in zip(times[1:] - 10.0, states, strict=True):
+        expected = velocity(t) * np.array([math.cos(heading), math.sin(heading)])
+        assert state[3:5] == pytest.approx(expected, rel=1e-9, abs=1e-15)
+
+
+def test_driven_tile_that_spins_fast_circles():
+    """At steady speed v the drive F holds friction, damping and m omega v in balance."""
+    state = motion.driven_tile([2.5], **{**HARD, "torque": 3e-3})[0]
+    speed = math.hypot(state[3], state[4])
+    assert state[5] > 700.0
+    assert math.hypot(0.03924, 0.016 * state[5] * speed) == pytest.approx(0.075, rel=1e-3)
+
+
+def test_spin_that_the_drive_turns_back_does_not_rest():
+    """The drive exceeds its bound where the spin passes zero: the next half goes on at once."""
+    def rates(t, y, sign):
+        alpha = (math.sin(0.2 * math.pi * t) * 3e-3 - sign * 6.797e-4) / HARD["inertia"]
+        return [y[1], alpha - 0.5 * y[1]]
+
+    def stop(t, y, sign):
+        return y[1]
+
+    stop.terminal, stop.direction = True, -1.0
+    options = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
+    t0 = math.asin(6.797e-4 / 3e-3) / (0.2 * math.pi)
+    first = solve_ivp(rates, (t0, 10.0), [0.0, 0.0], args=(1.0,), events=stop, **options)
+    back = first.t[-1]
+    assert 5.0 < back < 9.0
+    last = solve_ivp(rates, (back, 9.5), [first.y[0, -1], 0.0], args=(-1.0,), **options)
+    states = motion.driven_tile([back - 1e-6, back + 1e-6, 9.5], **{**HARD, "torque": 3e-3})
+    assert states[0, 5] > 0.0 > states[1, 5]
+    assert states[2, [2, 5]] == pytest.approx(last.y[:, -1], rel=1e-10)
+
+
+def test_slide_that_the_drive_turns_back_does_not_rest():
+    fast = {**TILE, "torque": 0.0, "frequency": 1.0, "linear_damping": 0.0}
+    w, a, b, v0 = 2.0 * math.pi, 0.075 / 0.016, 0.03924 / 0.016, -0.5
+
+    def velocity(t, sign, begin=0.0, v=0.0):
+        return v + a * (math.cos(w * begin) - math.cos(w * t)) / w - sign * b * (t - begin)
+
+    stop = brentq(velocity, 0.1, 0.25, args=(-1.0, 0.0, v0), xtol=1e-15)
+    assert a * math.sin(w * stop) > b
+    times = np.array([0.1, stop - 1e-6, stop + 1e-6, 0.3])
+    states = motion.driven_tile(times, **fast, forward=0.0, start=(0, 0, 0, v0, 0, 0))
+    expected = [velocity(t, -1.0, 0.0, v0) if t < stop else velocity(t, 1.0, stop) for t in times]
+    assert states[:, 3] == pytest.approx(expected, abs=1e-13)
+    assert np.all(states[:, 4] == 0.0)
+
+
+@pytest.mark.parametrize("excess", [1e-14, 1e-11, 1e-7, 1e-4])
+def test_drive_that_hardly_exceeds_friction_hardly_moves_the_tile(excess):
+    weak = {**TILE, "force": 0.03924 * (1.0 + excess), "torque": 3e-3}
+    states = motion.driven_tile([2.5, 5.0, 20.0], **weak)
+    assert np.all(states[1, 3:5] == 0.0)
+    reach = 3.0 * 2.4525 * excess * (math.sqrt(8.0 * excess) / (0.2 * math.pi)) ** 2
+    assert np.abs(states[:, :2]).max() <= reach
+
+
+@pytest.mark.parametrize("torque", [7e-4, 3e-3])
+@pytest.mark.parametrize("start", [(0, 0, 0.3, 0, 0, 0), (0, 0, 0.3, 0.2, -0.3, 30.0)])
+def test_driven_tile_does_not_depend_on_the_tolerance(monkeypatch, torque, start):
+    times = np.arange(1.0, 21.0)
+    sharp = motion.driven_tile(times, **{**HARD, "torque": torque}, start=start)
+    monkeypatch.setattr(motion, "TOLERANCE", 1e-9)
+    monkeypatch.setattr(motion, "FIRST", 3e-3)
+    blunt = motion.driven_tile(times, **{**HARD, "torque": torque}, start=start)
+    assert not np.array_equal(sharp, blunt)
+    size = np.abs(sharp).max(axis=0)
+    size[:2], size[3:5] = size[:2].max(), size[3:5].max()
+    assert np.abs(sharp - blunt).max(axis=0) == pytest.approx(0.0, abs=1e-10 * size.min())
 
 
 # Impact.
