@@ -20,7 +20,7 @@ from tbsa.work.draw import Snapshot, summary_figure
 
 FOLDER = Path("runs") / "quick"
 DRIVES = {"self-stabilizing": "self_stabilizing.toml", "shaking": "shaking.toml"}
-SECONDS, EVERY, SHOWN = 30.0, 5.0, 10.0  # of simulated time: duration, records, rows printed
+SECONDS, EVERY, SHOWN = 20.0, 2.0, 10.0  # of simulated time: duration, records, rows printed
 COLUMNS = ["time", "size", "errors_percent", "holes_percent", "largest_free_cluster", "bonds"]
 
 
