@@ -450,3 +450,33 @@ def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path, monkeypatch, br
     assert [each.name for each in tmp_path.iterdir()] == ["table.csv"]
     records.write_atomically(path, b"new")
     assert path.read_bytes() == b"new"
+
+
+# ---------------------------------------------------------------------------------------------
+# At full size.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["self_stabilizing", "shaking"])
+def test_the_papers_runs_killed_and_resumed_end_in_the_same_bits(name, tmp_path):
+    """591 tiles, 60 s with a checkpoint every 20 s, killed after the first one."""
+    source = load(ROOT / "paper_runs" / f"{name}.toml")
+    config = tmp_path / "scene.toml"
+    config.write_text(tbsa.dumps(replace(source, run=Run(60.0, 1), record=Record(10.0, 20.0))))
+    scene, folder = load(config), tmp_path / "killed"
+    child = subprocess.Popen([sys.executable, "-m", "tbsa.work.cli", "run", config, "--out", folder,
+                              "--quiet"], cwd=ROOT)
+    begin = time.monotonic()
+    while child.poll() is None and time.monotonic() - begin < 600.0:
+        info = folder / "run.json"
+        if info.exists() and json.loads(info.read_text())["time"] >= 20.0:
+            break
+        time.sleep(0.1)
+    child.kill()
+    assert child.wait() == -signal.SIGKILL, "it ended before it was killed"
+    assert records.run(scene, folder, resume=True).finished
+    records.run(scene, tmp_path / "whole")
+    assert same(folder, tmp_path / "whole") == []
+    run = tbsa.read_run(folder)
+    assert np.isfinite(run.x).all()
+    assert np.hypot(run.x, run.y).max() < scene.reactor.radius
