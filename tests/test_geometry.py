@@ -13,7 +13,7 @@ from scenes import WIDTH, contact_rows, scene, tile
 from twins import cross, distance, dot, manifold, overlap_area, separations, vertices, wall_points
 
 from tbsa.kernels.contacts import SPARE
-from tbsa.kernels.geometry import BLUNT, circle_corner, separation, square_square
+from tbsa.kernels.geometry import BLUNT, circle_corner, square_square
 from tbsa.model.layout import Layout
 from tbsa.model.scene import Reactor
 from tbsa.model.simulation import Simulation
@@ -54,19 +54,10 @@ def flush_or_distinct(dx, dy, angle_a, angle_b):
 
 @many
 @given(poses)
-def test_separation_is_the_largest_along_the_four_face_normals(pose):
-    dx, dy, a, b = pose
-    expected = max(separations(0j, a, complex(dx, dy), b, WIDTH))
-    assert separation(dx, dy, math.cos(a), math.sin(a), math.cos(b), math.sin(b),
-                      WIDTH) == pytest.approx(expected, abs=TINY)
-
-
-@many
-@given(poses)
-def test_separation_is_negative_just_where_the_squares_overlap(pose):
+def test_the_twins_separation_is_negative_just_where_the_squares_overlap(pose):
     """Area of the clipped polygon > 0; apart, the true distance is never below the separation."""
     dx, dy, a, b = pose
-    gap = separation(dx, dy, math.cos(a), math.sin(a), math.cos(b), math.sin(b), WIDTH)
+    gap = max(separations(0j, a, complex(dx, dy), b, WIDTH))
     p, q = vertices(0j, a, WIDTH), vertices(complex(dx, dy), b, WIDTH)
     assume(abs(gap) > 1e-6 * WIDTH)
     assert (overlap_area(p, q) > 0.0) == (gap < 0.0)

@@ -207,7 +207,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     error, done = OK, 0
     m = 0
     for step in range(substeps):
-        if reach > 0.0 and stale(work.pairs, n, x, y, v.vx, v.vy, h):
+        if reach > 0.0 and stale(work.pairs, n, x, y, vx, vy, h):
             fastest = 0.0
             for i in range(n):
                 fastest = max(fastest, vx[i] * vx[i] + vy[i] * vy[i])
@@ -239,7 +239,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
 
         if reach > 0.0 or k.wall != 0:
             m = find_contacts(rows, work.pairs, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y,
-                              c, s, v.vx, v.vy, v.w, tiles.mobile, v.lastx)
+                              c, s, vx, vy, w, tiles.mobile, v.lastx)
             if m < 0:
                 error = MORE_ROWS
                 break
@@ -249,7 +249,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             counts.impacts[0] += impacts(rows, m, k, no_floor, c, s, v, work.scratch)
         else:
             counts.overlap[0] += 1
-        kick(k, work.fx, work.fy, work.torque, v)
+        kick(k, fx, fy, torque, v)
         if m > 0 or floor.law != 0:
             recall(rows, m, n, state.impulses)
             rows.base[:m] = 0.0
@@ -280,9 +280,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         if m > 0 and project(rows, m, k, im, ii, v, work.shift, x, y, angle):
             counts.projections[0] += 1
         done += 1
-    state.vx[:], state.vy[:], state.omega[:] = v.vx, v.vy, v.w
+    state.vx[:], state.vy[:], state.omega[:] = vx, vy, w
     counts.substeps[0] += done
     for i in range(n):
-        if not (np.isfinite(v.vx[i]) and np.isfinite(v.vy[i]) and np.isfinite(v.w[i])):
+        if not (np.isfinite(vx[i]) and np.isfinite(vy[i]) and np.isfinite(w[i])):
             error = NOT_FINITE
     return error, done

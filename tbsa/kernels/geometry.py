@@ -19,29 +19,16 @@ BLUNT = 1e-3
 
 
 @inline
-def separation(dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
-               width: float) -> float:
-    """Largest separation of two squares along their four face normals (m; negative: overlap).
-
-    `dx`, `dy` lead from centre a to centre b.  For equal squares the half extent of either
-    along the other's normal is w/2 (|cos| + |sin|) of the relative angle.
-    """
-    reach = 0.5 * width * (1.0 + abs(ca * cb + sa * sb) + abs(ca * sb - sa * cb))
-    on_a = max(abs(dx * ca + dy * sa), abs(dy * ca - dx * sa))
-    on_b = max(abs(dx * cb + dy * sb), abs(dy * cb - dx * sb))
-    return max(on_a, on_b) - reach
-
-
-@inline
 def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
                   width: float, margin: float) -> Any:
     """Manifold of two equal squares: up to two points nearer than `margin`.
 
-    The reference face is the one of the four with the largest separation; the facing edge of
-    the other square is clipped to it.  Returns ``(count, n_x, n_y, id0, gap0, an0, bn0, id1,
-    gap1, an1, bn1, at, bt)``: count 0, 1 or 2; gaps in m; ``an``, ``bn`` = r x n and ``at``,
-    ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to both points, which lie
-    on one line along the face).  The id names a's edge, b's edge and the end of their overlap,
+    The reference face is the one of the four with the largest separation (the half extent of
+    either square along the other's normal is w/2 (|cos| + |sin|) of the relative angle); the
+    facing edge of the other square is clipped to it.  Returns ``(count, n_x, n_y, id0, gap0,
+    an0, bn0, id1, gap1, an1, bn1, at, bt)``: count 0, 1 or 2; gaps in m; ``an``, ``bn`` = r x n
+    and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to both points,
+    which lie on one line along the face).  The id names a's edge, b's edge and the end of their overlap,
     whichever square is the reference, so that an impulse finds its point again.
     """
     half = 0.5 * width
