@@ -28,8 +28,8 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     facing edge of the other square is clipped to it.  Returns ``(count, n_x, n_y, id0, gap0,
     an0, bn0, id1, gap1, an1, bn1, at, bt)``: count 0, 1 or 2; gaps in m; ``an``, ``bn`` = r x n
     and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to both points,
-    which lie on one line along the face).  The id names a's edge, b's edge and the end of their overlap,
-    whichever square is the reference, so that an impulse finds its point again.
+    which lie on one line along the face).  The id names a's edge, b's edge and the end of their
+    overlap, whichever square is the reference, so that an impulse finds its point again.
     """
     half = 0.5 * width
     nothing = (0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
