@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from tbsa.kernels import contacts
 from tbsa.model.scene import (
     SETS,
     Free,
@@ -39,7 +40,7 @@ def material(**changes):
 
 
 def scene(tiles, *, body=None, types=PLAIN, reactor=None, magnet=None, drive=None, floor=None,
-          step=1 / 120, substeps=4, tolerance=1e-12, passes=5000, file="", checked=True):
+          step=1 / 480, substeps=1, tolerance=1e-12, passes=5000, file="", checked=True):
     """A scene of `tiles`, validated unless told not to; nothing else is in it unless given.
 
     The default tolerance is far below the simulator's own: tests look at the physics of the
@@ -95,10 +96,14 @@ def contact_rows(simulation):
     """What the kernels see of the contacts of tiles at rest: {column: array}."""
     s = simulation
     assert not state(s)[3:].any()
-    before = s.counts.rows[0]
     s.advance(1)
-    m = s.counts.rows[0] - before
-    return {name: column[:m].copy() for name, column in s._work.rows._asdict().items()}
+    rows = s._work.rows
+    slot = rows.slot[: rows.size[0]]
+    columns = {name: rows.field[slot + int(contacts.LANES) * i]
+               for i, name in enumerate(contacts.FIELDS)}
+    touching = columns["count"] > 0
+    columns |= {"a": rows.a[: slot.size], "b": rows.b[: slot.size]}
+    return {name: column[touching] for name, column in columns.items()}
 
 
 def cloud(n, seed, speed=0.3):

@@ -33,8 +33,10 @@ def points(dx, dy, angle_a, angle_b, margin, origin=0j):
     count, nx, ny, *rest, at, bt = found
     n = complex(nx, ny)
     result = {}
-    for k in range(count):
-        name, gap, an, bn = rest[4 * k : 4 * k + 4]
+    for k in range(int(count)):
+        number, gap, an, bn = rest[4 * k : 4 * k + 4]
+        name = int(number)
+        assert name == number
         key = (name // 8, name // 2 % 4, name % 2)
         result[key] = (gap, at * n - an * 1j * n, bt * n - bn * 1j * n)
     assert len(result) == count
@@ -237,7 +239,7 @@ def test_wall_rows_are_the_corners_near_the_wall(direction, angle, depth, circle
     assert list(rows["id0"]) == [name for name, *_ in expected]
     assert (rows["a"] == 0).all()
     assert (rows["b"] == 1).all()  # the ground
-    assert (rows["points"] == 1).all()
+    assert (rows["count"] == 1).all()
     for i, (_, gap, n, arm) in enumerate(expected):
         assert rows["gap0"][i] == pytest.approx(gap, abs=TINY)
         assert complex(rows["nx"][i], rows["ny"][i]) == pytest.approx(n, abs=1e-12)

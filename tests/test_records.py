@@ -123,12 +123,12 @@ def test_another_seed_gives_another_run(scene, whole, tmp_path):
 def test_how_a_run_is_cut_into_calls_does_not_matter(scene, whole, tmp_path, monkeypatch):
     step, cut = Simulation(scene), random.Random(1)
     end = round(3.0 / step.h)
-    while step.substep < end:
-        step.advance(min(cut.randint(1, 60), end - step.substep))
+    while step.steps < end:
+        step.advance(min(cut.randint(1, 60), end - step.steps))
     run = tbsa.read_run(whole)
     for name in records.FIELDS:
         np.testing.assert_array_equal(getattr(step, name), getattr(run, name)[-1])
-    monkeypatch.setattr(records, "GLANCE", 0.0)  # one substep a call
+    monkeypatch.setattr(records, "GLANCE", 0.0)  # one step a call
     records.run(scene, tmp_path / "fine")
     assert same(tmp_path / "fine", whole) == []
 
@@ -326,7 +326,7 @@ def test_the_numbers_of_a_run(scene, whole):
     assert info["time"] == 3.0
     assert 0.0 < info["wall"] < 120.0
     counts = info["counts"]
-    assert counts["substeps"] == sum(counts["overlap"]) == 3 * 480
+    assert counts["substeps"] == sum(counts["overlap"]) == 3 * 4 * 480
     assert 0 < counts["lists"] < counts["substeps"]
     assert counts["passes"] >= counts["substeps"]
     assert counts["unconverged"] <= counts["substeps"]

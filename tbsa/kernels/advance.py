@@ -1,19 +1,27 @@
-"""Many substeps without coming back to Python.
+"""Many steps without coming back to Python.
 
-One substep of length h, of second order in free flight:
+One step of length H, of second order in free flight:
 
-    drift   x += h/2 v                                   to the middle of the substep
     lists   near pairs (kept while nobody has moved too far)
+    forces  magnets and drive, at x + H/2 v: the middle of the step
+    rows    which tiles may touch in this step              (contacts.py)
+
+and a number of substeps of length h in it:
+
+    drift   x += h/2 v                                      to the middle of the substep
     damp    v *= exp(-h/2 c)
-    forces  magnets and drive, at the middle
-    impacts what hits in this substep, without forces     (impacts.py)
+    rows    where they touch
+    impacts what hits in this substep, without forces       (impacts.py)
     kick    v += h F/m
     solve   contacts and floor friction at the velocity level (solver.py)
     damp    v *= exp(-h/2 c)
     drift   x += h/2 v
     project deep overlap out of the positions, if there is any
 
-The state at the end of a substep, with the contact impulses, is all that the next one needs.
+A free tile goes as if the step were one substep, so that the forces, which change slowly, are
+found once a step; contacts converge better, and spinning tiles meet more exactly, in more and
+shorter substeps of a pass or two than in more passes.  The state at the end of a step, with the
+contact impulses, is all that the next one needs.
 """
 
 from __future__ import annotations
@@ -23,9 +31,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.contacts import Impulses, Rows, find_contacts, recall, remember
+from tbsa.kernels.contacts import (
+    BLOCK,
+    BODIES,
+    COLOURS,
+    COUNT,
+    GAP0,
+    GAP1,
+    LANES,
+    NEAR,
+    PN0,
+    PN1,
+    Impulses,
+    Rows,
+    colour_rows,
+    find_rows,
+    place_rows,
+    recall,
+    remember,
+    restore_rows,
+    weigh,
+)
+from tbsa.kernels.floor import EXACT
+from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
-from tbsa.kernels.jit import inline, kernel
+from tbsa.kernels.jit import U, inline, kernel
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -39,7 +69,6 @@ from tbsa.kernels.solver import (
     Numbers,
     apply_impulses,
     limit_work,
-    prepare,
     project,
     relax,
 )
@@ -79,10 +108,11 @@ class Work(NamedTuple):
     scratch: Scratch
     c: np.ndarray  # cos and sin of the angles
     s: np.ndarray
-    lastx: np.ndarray  # where the tiles were at the middle of the substep before
-    lasty: np.ndarray
-    last_angle: np.ndarray
-    still: np.ndarray  # bool, they are there again: what follows from their places is known
+    far: np.ndarray  # m, how far the corners may come in a step
+    midx: np.ndarray  # m, rad, where the tiles are at the middle of the step
+    midy: np.ndarray
+    mid_angle: np.ndarray
+    still: np.ndarray  # bool, there they were in the step before: their forces are known
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
@@ -111,14 +141,17 @@ def empty_counts() -> Counts:
 
 
 @inline
-def note_overlap(rows: Rows, m: int, width: float, counts: Counts) -> None:
+def note_overlap(rows: Rows, width: float, counts: Counts) -> None:
     """Count the substep under its deepest overlap."""
-    gap0, gap1 = rows.gap0, rows.gap1
+    r = rows.field
     deepest = 0.0
-    for i in range(m):
-        deepest = max(deepest, -gap0[i], -gap1[i])
-    counts.deepest[0] = max(counts.deepest[0], deepest)
-    share = deepest / width
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            gap = min(r[o + GAP0 + i], r[o + GAP1 + i])
+            deepest = min(deepest, gap if r[o + COUNT + i] != 0.0 else 0.0)
+    counts.deepest[0] = max(counts.deepest[0], -deepest)
+    share = -deepest / width
     counts.overlap[0 if share <= 1e-4 else 1 if share <= 1e-3 else 2 if share <= 5e-3
                    else 3 if share <= 2e-2 else 4] += 1
 
@@ -134,11 +167,10 @@ def kick(k: Numbers, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodi
     v.floorx[:] = 0.0
     v.floory[:] = 0.0
     v.floort[:] = 0.0
-    for i in range(k.n):
-        if mobile[i] != 0.0:
-            vx[i] += fm * fx[i]
-            vy[i] += fm * fy[i]
-            w[i] += fi * torque[i]
+    for i in range(U(k.n)):
+        vx[i] += mobile[i] * fm * fx[i]
+        vy[i] += mobile[i] * fm * fy[i]
+        w[i] += mobile[i] * fi * torque[i]
 
 
 @inline
@@ -153,135 +185,195 @@ def stopping(start: float, trial: float, bound: float) -> float:
 
 
 @inline
-def drift_back(k: Numbers, floor: FloorLaw, rows: Rows, m: int, im: float, ii: float, v: Bodies,
+def drift_back(k: Numbers, floor: FloorLaw, rows: Rows, im: float, ii: float, v: Bodies,
                x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> None:
     """Take back what a tile without contact drifted after friction had stopped it.
 
     The first half of the drift went h/2 v; a tile that stops after the fraction f of the
     substep goes f h/2 v.  Without this a stop is off by up to a h^2 / 2.
     """
-    ra, rb, pn0, pn1 = rows.a, rows.b, rows.pn0, rows.pn1
-    vx, vy, w, mobile, moved = v.vx, v.vy, v.w, v.mobile, v.moved
+    vx, vy, w, moved = v.vx, v.vy, v.w, v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    for i in range(m):
-        if pn0[i] != 0.0 or pn1[i] != 0.0:
-            moved[ra[i]] = -1
-            moved[rb[i]] = -1
-    for i in range(k.n):
-        if mobile[i] == 0.0 or moved[i] == -1:
+    n = k.n
+    some = 0
+    for i in range(U(n)):
+        stopped = (vx[i] == 0.0) & (vy[i] == 0.0) & ((startx[i] != 0.0) | (starty[i] != 0.0))
+        halted = (w[i] == 0.0) & (startw[i] != 0.0)
+        moved[i] = (1 if stopped else 0) + (2 if halted else 0)
+        some |= moved[i]
+    if some == 0:
+        return
+    r, body = rows.field, rows.body
+    for block in range(rows.first[COLOURS]):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):
+            if r[o + PN0 + i] != 0.0 or r[o + PN1 + i] != 0.0:
+                moved[U(body[t + i])] = 0
+                moved[U(body[t + LANES + i])] = 0
+    for i in range(n):
+        if moved[i] == 0:
             continue
         ux, uy, uw = startx[i], starty[i], startw[i]
-        if vx[i] == 0.0 and vy[i] == 0.0 and (ux != 0.0 or uy != 0.0):
+        if moved[i] & 1:
             speed = math.sqrt(ux * ux + uy * uy)
             trial = -(floorx[i] * ux + floory[i] * uy) / speed
             rest = 1.0 - stopping(speed / im, trial, floor.force * k.h)
             x[i] -= 0.5 * k.h * rest * ux
             y[i] -= 0.5 * k.h * rest * uy
-        if w[i] == 0.0 and uw != 0.0:
+        if moved[i] & 2:
             trial = -floort[i] if uw > 0.0 else floort[i]
             rest = 1.0 - stopping(abs(uw) / ii, trial, floor.torque * k.h)
             angle[i] -= 0.5 * k.h * rest * uw
 
 
+@inline
+def turn(n: int, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """Cosine and sine of every angle."""
+    for i in range(U(n)):
+        c[i], s[i] = cos_sin(angle[i])
+
+
+@inline
+def drift(n: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> None:
+    """Move every tile for a time h."""
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(U(n)):
+        x[i] += h * vx[i]
+        y[i] += h * vy[i]
+        angle[i] += h * w[i]
+
+
+@inline
+def damp(n: int, linear: float, angular: float, v: Bodies) -> None:
+    """Slow every tile down by these factors."""
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(U(n)):
+        vx[i] *= linear
+        vy[i] *= linear
+        w[i] *= angular
+
+
+@inline
+def ways(n: int, width: float, h: float, v: Bodies, far: np.ndarray) -> None:
+    """How far the corners of each tile may come in a time h, and some more (m)."""
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(U(n)):
+        far[i] = (h * (math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]) + 0.7072 * width * abs(w[i]))
+                  + 0.5 * NEAR * width)
+
+
+@inline
+def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
+                parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+                work: Work) -> None:
+    """Forces and torques of magnets and drive at the middle of a step that begins at x, y."""
+    v, fx, fy, torque, c, s = work.bodies, work.fx, work.fy, work.torque, work.c, work.s
+    midx, midy, mid_angle, still = work.midx, work.midy, work.mid_angle, work.still
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(n):
+        px, py, q = x[i] + half * vx[i], y[i] + half * vy[i], angle[i] + half * w[i]
+        still[i] = (px == midx[i]) & (py == midy[i]) & (q == mid_angle[i])
+        midx[i], midy[i], mid_angle[i] = px, py, q
+        fx[i] = fy[i] = torque[i] = 0.0
+    if law.cutoff > 0.0:
+        turn(n, mid_angle, c, s)
+        near = find_magnet_pairs(law, work.pairs, n, midx, midy, c, s, still, work.magnets)
+        add_magnet_forces(law, work.pairs, n, work.magnets, near, tiles.glues, midx, midy, still,
+                          fx, fy, torque)
+    drive(t, parameters, midx[:n], midy[:n], mid_angle[:n], vx[:n], vy[:n], w[:n], tiles.family,
+          tiles.forward, fx[:n], fy[:n], torque[:n])
+
+
 @kernel
 def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
             drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
-            first: int, substeps: int, reach: float, skin: float) -> tuple[int, int]:
-    """Advance by `substeps` substeps, the first of which is number `first` of the run.
+            first: int, steps: int, reach: float, skin: float) -> tuple[int, int]:
+    """Advance by `steps` steps, the first of which is number `first` of the run.
 
-    Returns the error word and the substeps done; on MORE_PAIRS the state is that before the
-    substep that failed, and the caller goes on with more space.
+    Returns the error word and the steps done; on MORE_PAIRS and MORE_ROWS the state is that
+    before the step that failed, and the caller goes on with more space.
     """
-    n, h = k.n, k.h
+    n, h, step_length = k.n, k.h, k.substeps * k.h
     x, y, angle = state.x, state.y, state.angle
-    v, rows, c, s = work.bodies, work.rows, work.c, work.s
-    vx, vy, w, fx, fy, torque = v.vx, v.vy, v.w, work.fx, work.fy, work.torque
+    v, rows, c, s, before = work.bodies, work.rows, work.c, work.s, work.shift
     v.vx[:], v.vy[:], v.w[:] = state.vx, state.vy, state.omega
     v.mobile[:] = tiles.mobile
+    vx, vy, w = v.vx, v.vy, v.w
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
-    damp, damp_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
+    slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     no_floor = FloorLaw(0, 0.0, 0.0)
-    lastx, lasty, last_angle, still = work.lastx, work.lasty, work.last_angle, work.still
-    lastx[:] = np.nan  # nothing is known yet
+    contacts = reach > 0.0 or k.wall != 0
+    far, slack = work.far, 0.5 * (reach - 1.41422 * k.width)
+    work.midx[:] = np.nan  # nothing is known yet
+    rows.first[:] = 0
     error, done = OK, 0
-    m = 0
-    for step in range(substeps):
-        if reach > 0.0 and stale(work.pairs, n, x, y, vx, vy, h):
-            fastest = 0.0
+    m, known = 0, False
+    for step in range(steps):
+        ways(n, k.width, step_length, v, far)
+        if reach > 0.0 and stale(work.pairs, n, x, y, vx, vy, far, 0.5 * step_length, slack):
+            farthest = 0.0
             for i in range(n):
-                fastest = max(fastest, vx[i] * vx[i] + vy[i] * vy[i])
+                farthest = max(farthest, far[i])
             found = build_pairs(work.pairs, n, x, y, tiles.mobile, reach,
-                                max(skin, 2.0 * h * math.sqrt(fastest)))
+                                max(skin, 3.0 * farthest))
             counts.lists[0] += 1
             if found < 0 or found > work.pairs.other.size:
                 error = NOT_FINITE if found < 0 else MORE_PAIRS
                 break
-            lastx[:] = np.nan  # forces are kept by the place of a pair on the list
-        for i in range(n):
-            x[i] += 0.5 * h * vx[i]
-            y[i] += 0.5 * h * vy[i]
-            angle[i] += 0.5 * h * w[i]
-            vx[i] *= damp
-            vy[i] *= damp
-            w[i] *= damp_spin
-            still[i] = x[i] == lastx[i] and y[i] == lasty[i] and angle[i] == last_angle[i]
-            if not still[i]:
-                c[i], s[i] = math.cos(angle[i]), math.sin(angle[i])
-                lastx[i], lasty[i], last_angle[i] = x[i], y[i], angle[i]
-            fx[i] = fy[i] = torque[i] = 0.0
-        if magnets.cutoff > 0.0:
-            near = find_magnet_pairs(magnets, work.pairs, n, x, y, c, s, still, work.magnets)
-            add_magnet_forces(magnets, work.pairs, n, work.magnets, near, tiles.glues, x, y,
-                              still, fx, fy, torque)
-        drive((first + step + 0.5) * h, drive_parameters, x[:n], y[:n], angle[:n], vx[:n],
-              vy[:n], w[:n], tiles.family, tiles.forward, fx, fy, torque)
-
-        if reach > 0.0 or k.wall != 0:
-            m = find_contacts(rows, work.pairs, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y,
-                              c, s, vx, vy, w, tiles.mobile, v.lastx)
-            if m < 0:
+            work.midx[:] = np.nan  # forces are kept by the place of a pair on the list
+        if contacts:
+            turn(n, angle, c, s)
+            found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y,
+                                       x, y, c, s, tiles.mobile, far)
+            if found < 0:
                 error = MORE_ROWS
                 break
-        if m > 0:
-            note_overlap(rows, m, k.width, counts)
-            prepare(rows, m, im, ii, v.mobile)
-            counts.impacts[0] += impacts(rows, m, k, no_floor, c, s, v, work.scratch)
-        else:
-            counts.overlap[0] += 1
-        kick(k, fx, fy, torque, v)
-        if m > 0 or floor.law != 0:
-            recall(rows, m, n, state.impulses)
-            rows.base[:m] = 0.0
-            rows.seen[:m] = -1
-            rows.want0[:m] = np.maximum(rows.gap0[:m], 0.0) / h
-            rows.want1[:m] = np.maximum(rows.gap1[:m], 0.0) / h
-            before = work.shift
-            before.vx[:], before.vy[:], before.w[:] = vx, vy, w
-            apply_impulses(rows, m, im, ii, v)
-            passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
-            counts.unconverged[0] += 1 if passes < 0 else 0
-            counts.passes[0] += passes if passes >= 0 else -1 - passes
+            if changed or not known:
+                if known:
+                    remember(rows, m, n, state.impulses)
+                m, known = found, True
+                colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
+                recall(rows, m, n, state.impulses)
+        find_forces((first + step + 0.5) * step_length, n, 0.5 * step_length, tiles, magnets,
+                    drive, drive_parameters, x, y, angle, work)
+        for _ in range(k.substeps):
+            drift(n, 0.5 * h, v, x, y, angle)
+            damp(n, slow, slow_spin, v)
+            if m > 0 or floor.law == EXACT:
+                turn(n, angle, c, s)
             if m > 0:
-                limit_work(rows, m, k, floor, im, ii, c, s, v, before, k.tolerance)
-            remember(rows, m, state.impulses)
-        else:
-            state.impulses.size[0] = 0
-        counts.rows[0] += m
-        if floor.law != 0:
-            drift_back(k, floor, rows, m, im, ii, v, x, y, angle)
-        for i in range(n):
-            vx[i] *= damp
-            vy[i] *= damp
-            w[i] *= damp_spin
-            x[i] += 0.5 * h * vx[i]
-            y[i] += 0.5 * h * vy[i]
-            angle[i] += 0.5 * h * w[i]
-        if m > 0 and project(rows, m, k, im, ii, v, work.shift, x, y, angle):
-            counts.projections[0] += 1
+                place_rows(rows, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y, c, s, vx, vy, w)
+                struck = weigh(rows, h, ii / im, k.threshold)
+                note_overlap(rows, k.width, counts)
+                if struck > 0:
+                    counts.impacts[0] += struck
+                    if impacts(rows, m, k, no_floor, c, s, v, work.scratch):
+                        restore_rows(rows, h)
+            else:
+                counts.overlap[0] += 1
+            kick(k, work.fx, work.fy, work.torque, v)
+            if m > 0 or floor.law != 0:
+                before.vx[:], before.vy[:], before.w[:] = vx, vy, w
+                rows.seen[:] = -1
+                apply_impulses(rows, ii / im, v)
+                passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
+                counts.unconverged[0] += 1 if passes < 0 else 0
+                counts.passes[0] += passes if passes >= 0 else -1 - passes
+                if m > 0:
+                    limit_work(rows, k, floor, im, ii, c, s, v, before, k.tolerance)
+            counts.rows[0] += m
+            if floor.law != 0:
+                drift_back(k, floor, rows, im, ii, v, x, y, angle)
+            damp(n, slow, slow_spin, v)
+            drift(n, 0.5 * h, v, x, y, angle)
+            if m > 0 and project(rows, k, ii / im, v, work.shift, x, y, angle):
+                counts.projections[0] += 1
         done += 1
+    if known:
+        remember(rows, m, n, state.impulses)
     state.vx[:], state.vy[:], state.omega[:] = vx, vy, w
-    counts.substeps[0] += done
+    counts.substeps[0] += done * k.substeps
     for i in range(n):
         if not (np.isfinite(vx[i]) and np.isfinite(vy[i]) and np.isfinite(w[i])):
             error = NOT_FINITE

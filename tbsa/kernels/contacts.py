@@ -1,70 +1,95 @@
-"""Contact rows: every manifold near enough to matter in this substep, with its old impulses.
+"""Contact rows: every manifold that may matter in this step, in blocks that vectorise.
 
-Body index n is the ground (the wall); it never moves.  Rows are in the order of a, then b,
-then id, whatever the age of the pair list, and so are the stored impulses of the substep
-before: one merge finds them again.
+A row is one manifold.  Eight rows without a common mobile tile make a block, blocks of one
+colour have no common tile either, and a field of a block is eight neighbouring numbers (its
+lanes): a loop over the lanes is plain vector code, and the solve of a block is that of its rows
+one after the other.  Which rows there are is found once a step; where they touch, every substep.
+
+Body index n is the ground (the wall); it never moves.  Rows are found in the order of a, then b,
+then corner, and coloured in that order; both depend on tile numbers alone, whatever the age of
+the pair list.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tbsa.kernels.geometry import circle_corner, square_square
-from tbsa.kernels.jit import U, columns, inline
+from tbsa.kernels.jit import U, columns, inline, lane
 from tbsa.kernels.neighbours import Pairs
 
 CIRCLE, RECTANGLE = 1, 2
 
-# Points further apart than they can close at their present speeds, by this fraction of the
-# width, are left out: an impact or a force would have to close it within one substep.
+# Two tiles have a row in this step if they can come as near as this fraction of the width, at
+# their speeds at its beginning.
+NEAR = 0.05
+# A point is part of a manifold if it is nearer than it can close at its speed within the
+# substep, and this fraction of the width: forces and impacts may speed it up.
 SPARE = 0.02
+# The solve leaves a point with this velocity alone (m/s): there is none.
+NEVER = 1e30
+
+LANES = U(8)
+FIELDS = (
+    "nx", "ny",                    # normal, from a to b
+    "at", "bt",                    # m, r . n from a and from b: the lever arms of friction
+    "an0", "bn0", "an1", "bn1",    # m, r x n: the lever arms of the normal impulses
+    "gap0", "gap1",                # m
+    "count",                       # points: 0, 1 or 2
+    "id0", "id1",                  # feature ids of the points
+    "pn0", "pn1",                  # N s, normal impulses, >= 0
+    "pt",                          # N s, friction impulse of the manifold
+    "warm0", "warm1", "warmt",     # N s, these at the end of the last substep
+    "want0", "want1",              # m/s, the solve makes vn >= -want
+    "base",                        # N s, normal impulse applied before that friction counts on
+    "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
+    "i00", "i11", "itt", "idet",   # kg, kg^2
+    "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching
+    "hit",                         # 1, 2: the point that hits in this substep; 3: both
+    "ma", "mb",                    # 1/kg, inverse masses
+    "mu", "e",                     # friction, restitution
+    "ax", "ay", "aw",              # scratch: of body a, and b (velocities)
+    "bx", "by", "bw",
+    "change",                      # m/s, by which a solve changed a contact velocity
+)
+(NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, COUNT, ID0, ID1, PN0, PN1, PT, WARM0, WARM1,
+ WARMT, WANT0, WANT1, BASE, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT, MA, MB, MU, E, AX, AY, AW, BX, BY,
+ BW, CHANGE) = (U(i) * LANES for i in range(len(FIELDS)))
+BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
+BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
+
+# Colours of pairs, the last of which takes one row a block; then those of walls.
+PAIR_COLOURS, WALL_COLOURS = 48, 8
+COLOURS = PAIR_COLOURS + WALL_COLOURS
 
 
 class Rows(NamedTuple):
-    """One manifold a row; arrays of one length, two slots where a manifold has two points.
+    """The rows of a step, and the blocks they are kept in."""
 
-    The relative velocity is that of b against a; ``vn < 0`` is approach.
-    """
-
-    a: np.ndarray  # int64
+    a: np.ndarray  # int64, the rows in the order found
     b: np.ndarray  # int64, n for the wall
-    points: np.ndarray  # int64, 1 or 2
-    nx: np.ndarray  # normal from a to b
-    ny: np.ndarray
-    at: np.ndarray  # r . n from a and from b: the lever arms of friction
-    bt: np.ndarray
-    id0: np.ndarray  # int64, feature ids
-    id1: np.ndarray
-    gap0: np.ndarray  # m
-    gap1: np.ndarray
-    an0: np.ndarray  # r x n from a and from b: the lever arms of the normal impulses
-    bn0: np.ndarray
-    an1: np.ndarray
-    bn1: np.ndarray
-    pn0: np.ndarray  # N s, normal impulses, >= 0
-    pn1: np.ndarray
-    pt: np.ndarray  # N s, friction impulse of the manifold, |pt| <= mu (pn0 + pn1)
-    want0: np.ndarray  # m/s, the solve makes vn >= -want: a gap may just close in a substep
-    want1: np.ndarray
-    base: np.ndarray  # N s, normal impulse already applied that friction may count on
-    k00: np.ndarray  # 1/kg, velocity change of point 0 for a unit impulse at 0
-    k01: np.ndarray  # ... at 1; in a row of one point, by a unit friction impulse
-    k11: np.ndarray
-    ktt: np.ndarray  # 1/kg, the same for friction
-    i00: np.ndarray  # kg, inverses of these
-    i11: np.ndarray
-    itt: np.ndarray
-    idet: np.ndarray  # kg^2, of the 2 x 2 problem of a row; not a number where it has none
-    vn0: np.ndarray  # m/s, normal velocities, see `approach`
-    vn1: np.ndarray
-    seen: np.ndarray  # int64, when the row was last solved
+    corner: np.ndarray  # int64, of a at the wall, twice, and the side of a rectangle; 0 for pairs
+    slot: np.ndarray  # int64, where its lane begins in `field`
+    field: np.ndarray  # float64[blocks * BLOCK]
+    body: np.ndarray  # int64[blocks * BODIES]
+    first: np.ndarray  # int64[COLOURS + 1], first block of every colour
+    single: np.ndarray  # int64, one a block: rows of a single point in it
+    hits: np.ndarray  # int64, one a block: points that hit in this substep
+    seen: np.ndarray  # int64, one a block: when it was last solved
+    active: np.ndarray  # int64, scratch: the blocks of a colour to be solved
+    new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
+    new_b: np.ndarray
+    new_corner: np.ndarray
+    used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
+    fill: np.ndarray  # int64[COLOURS], scratch
+    size: np.ndarray  # int64[1], rows
 
 
 class Impulses(NamedTuple):
-    """The impulses at the end of the last substep: part of the state and of a checkpoint."""
+    """The impulses at the end of the last step: part of the state and of a checkpoint."""
 
     size: np.ndarray  # int64[1]
     a: np.ndarray  # int64
@@ -76,10 +101,16 @@ class Impulses(NamedTuple):
     pt: np.ndarray
 
 
-def empty_rows(capacity: int) -> Rows:
-    """Space for `capacity` manifolds."""
-    whole = {"a", "b", "points", "id0", "id1", "seen"}
-    return Rows(*columns(capacity, [int if f in whole else float for f in Rows._fields]))
+def empty_rows(n: int, capacity: int) -> Rows:
+    """Space for `capacity` rows of `n` tiles."""
+    blocks = capacity // int(LANES) + 2 * COLOURS
+    field = np.zeros(blocks * int(BLOCK) + 8)
+    shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
+    return Rows(
+        *(np.zeros(capacity, np.int64) for _ in range(4)),
+        field[shift : shift + blocks * int(BLOCK)], np.zeros(blocks * int(BODIES), np.int64),
+        np.zeros(COLOURS + 1, np.int64), *(np.zeros(blocks, np.int64) for _ in range(4)),
+        *(np.zeros(capacity, np.int64) for _ in range(3)), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(1, np.int64))
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -90,124 +121,299 @@ def empty_impulses(capacity: int) -> Impulses:
 
 
 @inline
-def travel(h: float, width: float, vx: float, vy: float, w: float) -> float:
-    """The way two bodies can close in a substep (m), and more for what speeds them up in it."""
-    return h * (math.sqrt(vx * vx + vy * vy) + 0.7072 * width * w) + SPARE * width
+def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
+              wall_x: float, wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray,
+              s: np.ndarray, mobile: np.ndarray, far: np.ndarray) -> Any:
+    """List what may touch in this step, in which the tiles' corners go as `far` as this (m).
 
-
-@inline
-def find_contacts(rows: Rows, pairs: Pairs, n: int, width: float, h: float, wall: int,
-                  wall_x: float, wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray,
-                  s: np.ndarray, vx: np.ndarray, vy: np.ndarray, w: np.ndarray,
-                  mobile: np.ndarray, far: np.ndarray) -> int:
-    """Fill `rows`; returns their number, or -1 where they do not fit.  `far` is scratch."""
-    # Arrays are taken out of their tuples before a loop: Numba counts references at every
-    # access through a tuple, which costs more than the access.
+    Returns the number of new rows, -1 where they do not fit, and whether they are others than
+    the rows that there are.
+    """
     start, other = pairs.start, pairs.other
-    ra, rb, rcount, rnx, rny, rat, rbt = (rows.a, rows.b, rows.points, rows.nx, rows.ny, rows.at,
-                                          rows.bt)
-    rid0, rgap0, ran0, rbn0 = rows.id0, rows.gap0, rows.an0, rows.bn0
-    rid1, rgap1, ran1, rbn1 = rows.id1, rows.gap1, rows.an1, rows.bn1
-    m = 0
-    half = 0.5 * width
-    for a in range(n):  # a bound without a pair's own root, for a first look
-        far[a] = travel(h, width, vx[a], vy[a], abs(w[a]))
+    ra, rb, corner, na, nb, new_corner = (rows.a, rows.b, rows.corner, rows.new_a, rows.new_b,
+                                          rows.new_corner)
+    before, m, same = rows.size[0], 0, True
+    half, room = 0.5 * width, ra.size
     for a in range(n):
         far_a = far[a]
         for k in range(start[a], start[a + 1]):
             b = U(other[k])
             dx, dy = x[b] - x[a], y[b] - y[a]
-            if dx * dx + dy * dy > (1.41422 * width + far_a + far[b]) ** 2:
+            margin = far_a + far[b]
+            if dx * dx + dy * dy > (1.41422 * width + margin) ** 2:
                 continue
-            margin = travel(h, width, vx[b] - vx[a], vy[b] - vy[a], abs(w[a]) + abs(w[b]))
-            (count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt) = square_square(
-                dx, dy, c[a], s[a], c[b], s[b], width, margin)
-            if count == 0:
+            cos, sin = c[a] * c[b] + s[a] * s[b], c[a] * s[b] - s[a] * c[b]
+            on_a = max(abs(dx * c[a] + dy * s[a]), abs(dy * c[a] - dx * s[a]))
+            on_b = max(abs(dx * c[b] + dy * s[b]), abs(dy * c[b] - dx * s[b]))
+            if max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin)) > margin:
                 continue
-            if m == ra.size:
-                return -1
-            ra[m], rb[m], rcount[m] = a, b, count
-            rnx[m], rny[m], rat[m], rbt[m] = nx, ny, at, bt
-            rid0[m], rgap0[m], ran0[m], rbn0[m] = id0, gap0, an0, bn0
-            rid1[m], rgap1[m], ran1[m], rbn1[m] = id1, gap1, an1, bn1
+            if m == room:
+                return -1, False
+            same = same and ra[m] == a and rb[m] == other[k]
+            na[m], nb[m], new_corner[m] = a, other[k], 0
             m += 1
         if wall == 0 or mobile[a] == 0.0:
             continue
-        margin = far_a
-        corner = 0.70711 * width + margin
+        reach = 0.70711 * width + far_a
         if wall == CIRCLE:
-            near = wall_x - corner
+            near = wall_x - reach
             if near > 0.0 and x[a] * x[a] + y[a] * y[a] < near * near:
                 continue
-        elif abs(x[a]) + corner < wall_x and abs(y[a]) + corner < wall_y:
+        elif abs(x[a]) + reach < wall_x and abs(y[a]) + reach < wall_y:
             continue
-        for k in range(4):  # corners, counter-clockwise from that between E and N
-            ex = half if k == 0 or k == 3 else -half
-            ey = half if k < 2 else -half
-            rx, ry = c[a] * ex - s[a] * ey, s[a] * ex + c[a] * ey
-            px, py = x[a] + rx, y[a] + ry
+        for q in range(4):  # corners, counter-clockwise from that between E and N
+            rx, ry = corner_arm(q, half, c[a], s[a])
             for side in range(1 if wall == CIRCLE else 2):
-                if wall == CIRCLE:
-                    gap, nx, ny = circle_corner(px, py, wall_x)
-                elif side == 0:
-                    gap, nx, ny = wall_x - abs(px), 1.0 if px > 0.0 else -1.0, 0.0
-                else:
-                    gap, nx, ny = wall_y - abs(py), 0.0, 1.0 if py > 0.0 else -1.0
-                if gap > margin:
+                gap, _, _ = wall_gap(wall, side, wall_x, wall_y, x[a] + rx, y[a] + ry)
+                if gap > far_a:
                     continue
-                if m == ra.size:
-                    return -1
-                ra[m], rb[m], rcount[m] = a, n, 1
-                rnx[m], rny[m] = nx, ny
-                rat[m], rbt[m] = rx * nx + ry * ny, 0.0
-                rid0[m], rgap0[m] = 2 * k + side, gap
-                ran0[m], rbn0[m] = rx * ny - ry * nx, 0.0
-                rid1[m], rgap1[m], ran1[m], rbn1[m] = -1, gap, 0.0, 0.0
+                if m == room:
+                    return -1, False
+                same = same and ra[m] == a and rb[m] == n and corner[m] == 2 * q + side
+                na[m], nb[m], new_corner[m] = a, n, 2 * q + side
                 m += 1
-    return m
+    return m, not (same and m == before)
+
+
+@lane
+def corner_arm(q: int, half: float, c: float, s: float) -> Any:
+    """From a tile's centre to its corner q, counter-clockwise from that between E and N."""
+    ex = half if (q == 0) | (q == 3) else -half
+    ey = half if q < 2 else -half
+    return c * ex - s * ey, s * ex + c * ey
+
+
+@lane
+def wall_gap(wall: int, side: int, wall_x: float, wall_y: float, px: float, py: float) -> Any:
+    """Gap of a point to the wall, and the normal outwards."""
+    gap, nx, ny = circle_corner(px, py, wall_x)
+    east, north = 1.0 if px > 0.0 else -1.0, 1.0 if py > 0.0 else -1.0
+    round_wall = wall == CIRCLE
+    gap = gap if round_wall else (wall_x - abs(px) if side == 0 else wall_y - abs(py))
+    nx = nx if round_wall else (east if side == 0 else 0.0)
+    ny = ny if round_wall else (0.0 if side == 0 else north)
+    return gap, nx, ny
+
+
+@inline
+def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: float, e: float,
+                mu_wall: float, e_wall: float) -> None:
+    """Take the m new rows, and give them their places in the blocks, empty of impulses.
+
+    Greedily, in order: a row takes the first colour that none of its mobile tiles has.
+    """
+    used, fill, first, slot = rows.used, rows.fill, rows.first, rows.slot
+    ra, rb, field, body = rows.a, rows.b, rows.field, rows.body
+    rows.size[0] = m
+    ra[:m], rb[:m], rows.corner[:m] = rows.new_a[:m], rows.new_b[:m], rows.new_corner[:m]
+    used[:] = 0
+    fill[:] = 0
+    last = PAIR_COLOURS - 1
+    for i in range(m):
+        a, b = ra[i], rb[i]
+        colour = 0
+        if b == n:
+            colour = PAIR_COLOURS + used[a] // 2**PAIR_COLOURS
+            used[a] += 2**PAIR_COLOURS
+        else:
+            taken = (used[a] | used[b]) & (2**last - 1)
+            while taken & 1:
+                taken >>= 1
+                colour += 1
+            if colour < last:
+                used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
+                used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
+        slot[i] = colour
+        fill[colour] += 1
+    first[0] = 0
+    for q in range(COLOURS):
+        first[q + 1] = first[q] + (fill[q] if q == last else (fill[q] + 7) // 8)
+        fill[q] = 0
+    field[: U(first[COLOURS]) * BLOCK] = 0.0
+    body[: U(first[COLOURS]) * BODIES] = n
+    for i in range(m):
+        q = slot[i]
+        block, at = first[q] + fill[q] // 8, fill[q] % 8
+        if q == last:
+            block, at = first[q] + fill[q], 0
+        fill[q] += 1
+        a, b = ra[i], rb[i]
+        lane_a = U(block) * BODIES + U(at)
+        body[lane_a], body[lane_a + LANES] = a, b
+        k = U(block) * BLOCK + U(at)
+        slot[i] = k
+        field[k + MA], field[k + MB] = im * mobile[a], im * mobile[b]
+        field[k + MU], field[k + E] = (mu_wall, e_wall) if b == n else (mu, e)
+        field[k + ID0], field[k + ID1] = -2.0, -2.0
+
+
+@inline
+def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: float,
+               wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
+               vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """Where the rows touch now; every point keeps its impulse, a new point has none."""
+    r, body, single = rows.field, rows.body, rows.single
+    walls = rows.first[PAIR_COLOURS]
+    for block in range(walls):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):  # gather
+            a, b = U(body[t + i]), U(body[t + LANES + i])
+            r[o + K00 + i], r[o + K01 + i] = c[a], s[a]
+            r[o + K11 + i], r[o + KTT + i] = c[b], s[b]
+            r[o + I00 + i], r[o + I11 + i] = x[b] - x[a], y[b] - y[a]
+            r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+            r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
+    for block in range(walls):
+        o = U(block) * BLOCK
+        lone = 0
+        for i in range(LANES):
+            vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
+            margin = SPARE * width + h * (
+                math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
+                + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
+            count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt = square_square(
+                r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
+                r[o + KTT + i], width, margin)
+            count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
+            id1 = -1.0 if count < 1.5 else id1
+            was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
+            p0 = q0 if id0 == was0 else (q1 if id0 == was1 else 0.0)
+            p1 = q1 if id1 == was1 else (q0 if id1 == was0 else 0.0)
+            p0 = 0.0 if count == 0.0 else p0
+            p1 = 0.0 if count < 1.5 else p1
+            pt = 0.0 if (p0 == 0.0) & (p1 == 0.0) else r[o + PT + i]
+            r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
+            r[o + ID0 + i], r[o + GAP0 + i] = id0, gap0
+            r[o + AN0 + i], r[o + BN0 + i] = an0, bn0
+            r[o + ID1 + i], r[o + GAP1 + i] = id1, gap1
+            r[o + AN1 + i], r[o + BN1 + i] = an1, bn1
+            r[o + AT + i], r[o + BT + i] = at, bt
+            r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, pt
+            r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = p0, p1, pt
+            lone += 1 if count == 1.0 else 0
+        single[block] = lone
+    for block in range(walls, rows.first[COLOURS]):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        single[block] = 8
+        for i in range(LANES):
+            a = U(body[t + i])
+            if a == U(n):
+                continue
+            q = int(r[o + ID1 + i])
+            rx, ry = corner_arm(q // 2, 0.5 * width, c[a], s[a])
+            gap, nx, ny = wall_gap(wall, q % 2, wall_x, wall_y, x[a] + rx, y[a] + ry)
+            margin = SPARE * width + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
+                                          + 0.7072 * width * abs(w[a]))
+            count = 1.0 if gap <= margin else 0.0
+            r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
+            r[o + GAP0 + i], r[o + GAP1 + i] = gap, gap
+            r[o + AN0 + i], r[o + BN0 + i] = rx * ny - ry * nx, 0.0
+            r[o + AN1 + i], r[o + BN1 + i] = r[o + AN0 + i], 0.0
+            r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
+            r[o + PN0 + i] *= count
+            r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
+            r[o + WARM0 + i], r[o + WARMT + i] = r[o + PN0 + i], r[o + PT + i]
+            r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+
+
+@inline
+def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
+    """Effective masses of the rows and what closes; returns the number of points that hit.
+
+    k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
+    or in a row of one point by a unit of friction; ktt: the same for friction; i: inverses, and
+    idet that of the 2 x 2 problem, not a number where it has none.  `per_mass` is m/I.  A point
+    hits if it closes within h, faster than the threshold.
+    """
+    r, hits = rows.field, rows.hits
+    struck = 0
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        some = 0
+        for i in range(LANES):
+            ma, mb = r[o + MA + i], r[o + MB + i]
+            an0, bn0, an1, bn1 = r[o + AN0 + i], r[o + BN0 + i], r[o + AN1 + i], r[o + BN1 + i]
+            at, bt, count = r[o + AT + i], r[o + BT + i], r[o + COUNT + i]
+            wa, wb, nx, ny = r[o + AW + i], r[o + BW + i], r[o + NX + i], r[o + NY + i]
+            linear, ia, ib = ma + mb, per_mass * ma, per_mass * mb
+            k00 = linear + ia * an0 * an0 + ib * bn0 * bn0
+            k11 = linear + ia * an1 * an1 + ib * bn1 * bn1
+            ktt = linear + ia * at * at + ib * bt * bt
+            two = count > 1.5
+            an, bn = (an1 if two else at), (bn1 if two else bt)
+            k01 = (linear if two else 0.0) + ia * an0 * an + ib * bn0 * bn
+            both = k00 * (k11 if two else ktt)
+            det = both - k01 * k01
+            r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i] = k00, k01, k11, ktt
+            r[o + I00 + i] = 1.0 / k00 if k00 > 0.0 else 0.0
+            r[o + I11 + i] = 1.0 / k11 if k11 > 0.0 else 0.0
+            r[o + ITT + i] = 1.0 / ktt if ktt > 0.0 else 0.0
+            r[o + IDET + i] = 1.0 / det if det > 1e-9 * both else np.nan
+            along = (nx * (r[o + BX + i] - r[o + AX + i]) + ny * (r[o + BY + i] - r[o + AY + i]))
+            vn0, vn1 = along + bn0 * wb - an0 * wa, along + bn1 * wb - an1 * wa
+            r[o + VN0 + i], r[o + VN1 + i] = vn0, vn1
+            gap0, gap1 = r[o + GAP0 + i], r[o + GAP1 + i]
+            none = count == 0.0
+            r[o + WANT0 + i] = NEVER if none else max(gap0, 0.0) / h
+            r[o + WANT1 + i] = NEVER if none else max(gap1, 0.0) / h
+            hit0 = (count > 0.5) & (vn0 < -threshold) & (gap0 + h * vn0 < 0.0)
+            hit1 = two & (vn1 < -threshold) & (gap1 + h * vn1 < 0.0)
+            r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
+            some += (1 if hit0 else 0) + (1 if hit1 else 0)
+        hits[block] = some
+        struck += some
+    return struck
+
+
+@inline
+def restore_rows(rows: Rows, h: float) -> None:
+    """The rows as `place_rows` and `weigh` left them, after impacts have used them."""
+    r = rows.field
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            k = o + i
+            none = r[k + COUNT] == 0.0
+            r[k + PN0], r[k + PN1], r[k + PT] = r[k + WARM0], r[k + WARM1], r[k + WARMT]
+            r[k + BASE] = 0.0
+            r[k + WANT0] = NEVER if none else max(r[k + GAP0], 0.0) / h
+            r[k + WANT1] = NEVER if none else max(r[k + GAP1], 0.0) / h
 
 
 @inline
 def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
-    """Give every point the impulse that it had in the last substep, or zero."""
-    ra, rb, count, rid0, rid1 = rows.a, rows.b, rows.points, rows.id0, rows.id1
-    pn0, pn1, pt = rows.pn0, rows.pn1, rows.pt
+    """Give the rows the impulses that their manifolds had at the end of the last step."""
+    ra, rb, corner, slot, r = rows.a, rows.b, rows.corner, rows.slot, rows.field
     oa, ob, oid0, oid1 = old.a, old.b, old.id0, old.id1
     opn0, opn1, opt = old.pn0, old.pn1, old.pt
     j, size = 0, old.size[0]
     for i in range(m):
-        pn0[i] = pn1[i] = pt[i] = 0.0
-        a, b, id0, id1, wall = ra[i], rb[i], rid0[i], rid1[i], rb[i] == n
+        a, b, k, wall = ra[i], rb[i], U(slot[i]), rb[i] == n
+        if wall:  # its one id is fixed, and known to `place_rows`
+            r[k + ID0], r[k + ID1] = float(corner[i]), float(corner[i])
         while j < size and (oa[j] < a or (oa[j] == a and (
-                ob[j] < b or (wall and ob[j] == b and oid0[j] < id0)))):
+                ob[j] < b or (wall and ob[j] == b and oid0[j] < corner[i])))):
             j += 1
-        if j == size or oa[j] != a or ob[j] != b or (wall and oid0[j] != id0):
+        if j == size or oa[j] != a or ob[j] != b or (wall and oid0[j] != corner[i]):
             continue
-        if oid0[j] == id0:
-            pn0[i] = opn0[j]
-        elif oid1[j] == id0:
-            pn0[i] = opn1[j]
-        if count[i] == 2:
-            if oid1[j] == id1:
-                pn1[i] = opn1[j]
-            elif oid0[j] == id1:
-                pn1[i] = opn0[j]
-        pt[i] = opt[j]
+        r[k + PN0], r[k + PN1], r[k + PT] = opn0[j], opn1[j], opt[j]
+        if not wall:
+            r[k + ID0], r[k + ID1] = float(oid0[j]), float(oid1[j])
 
 
 @inline
-def remember(rows: Rows, m: int, store: Impulses) -> None:
+def remember(rows: Rows, m: int, n: int, store: Impulses) -> None:
     """Store the impulses of the rows that carry any."""
-    ra, rb, count, rid0, rid1 = rows.a, rows.b, rows.points, rows.id0, rows.id1
-    pn0, pn1, pt = rows.pn0, rows.pn1, rows.pt
+    ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
     sa, sb, sid0, sid1 = store.a, store.b, store.id0, store.id1
     spn0, spn1, spt = store.pn0, store.pn1, store.pt
     j = 0
     for i in range(m):
-        if pn0[i] == 0.0 and pn1[i] == 0.0:
+        k = U(slot[i])
+        if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:
             continue
-        two = count[i] == 2
-        sa[j], sb[j], sid0[j], spn0[j], spt[j] = ra[i], rb[i], rid0[i], pn0[i], pt[i]
-        sid1[j], spn1[j] = (rid1[i], pn1[i]) if two else (-1, 0.0)
+        sa[j], sb[j], sid0[j] = ra[i], rb[i], int(r[k + ID0])
+        sid1[j] = -1 if rb[i] == n else int(r[k + ID1])
+        spn0[j], spn1[j], spt[j] = r[k + PN0], r[k + PN1], r[k + PT]
         j += 1
     store.size[0] = j

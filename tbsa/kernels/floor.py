@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tbsa.kernels.jit import inline
+from tbsa.kernels.jit import inline, lane
 
 NONE, SEPARATE, COUPLED, EXACT = 0, 1, 2, 3
 
@@ -52,8 +52,9 @@ def floor_impulse(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: fl
     ``-inertia * w`` (law ``SEPARATE``: either the first two, or the last, or all).
     """
     if law == SEPARATE:
-        px, py = _disc(v0x, v0y, vx, vy, m, R)
-        return px, py, interval(w0, w, inertia, Q)
+        px, py, _ = disc(v0x, v0y, vx, vy, m, R)
+        pt, _ = interval(w0, w, inertia, Q)
+        return px, py, pt
     if law == COUPLED:
         if _gauge2(m * vx, m * vy, inertia * w, R, Q) <= 1.0:
             return -m * vx, -m * vy, -inertia * w
@@ -63,27 +64,24 @@ def floor_impulse(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: fl
     return 0.0, 0.0, 0.0
 
 
-@inline
-def _disc(v0x: float, v0y: float, vx: float, vy: float, m: float, R: float) -> Any:
-    """The law for a disc of radius `R`."""
-    if m * math.sqrt(vx * vx + vy * vy) <= R:
-        return -m * vx, -m * vy
+@lane
+def disc(v0x: float, v0y: float, vx: float, vy: float, m: float, R: float) -> Any:
+    """The law for a disc of radius `R`, without branches; and whether the tile stops."""
+    speed2 = vx * vx + vy * vy
+    stops = m * m * speed2 <= R * R
     sx, sy = v0x + vx, v0y + vy
-    s = math.sqrt(sx * sx + sy * sy)
-    if m * s <= R:  # the mean velocity is zero
-        return -m * sx, -m * sy
-    return -R * (sx / s), -R * (sy / s)
+    s2 = sx * sx + sy * sy
+    scale = m if m * m * s2 <= R * R else R / math.sqrt(s2)  # m: the mean velocity is zero
+    return (-m * vx if stops else -scale * sx), (-m * vy if stops else -scale * sy), stops
 
 
-@inline
-def interval(v0: float, v: float, m: float, R: float) -> float:
-    """The law in one dimension: the disc without its square roots."""
-    if m * abs(v) <= R:
-        return -m * v
+@lane
+def interval(v0: float, v: float, m: float, R: float) -> Any:
+    """The law in one dimension; and whether the tile stops."""
+    halts = m * abs(v) <= R
     s = v0 + v
-    if m * abs(s) <= R:
-        return -m * s
-    return -R if s > 0.0 else R
+    slides = max(min(-m * s, R), -R)
+    return (-m * v if halts else slides), halts
 
 
 @inline

@@ -16,17 +16,44 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.contacts import Rows
-from tbsa.kernels.jit import columns, inline
-from tbsa.kernels.routh import routh
-from tbsa.kernels.solver import (
-    Bodies,
-    FloorLaw,
-    Numbers,
-    apply_impulses,
-    approach,
-    relax,
+from tbsa.kernels.contacts import (
+    AN0,
+    AN1,
+    AT,
+    BASE,
+    BLOCK,
+    BN0,
+    BN1,
+    BODIES,
+    BT,
+    COLOURS,
+    COUNT,
+    GAP0,
+    GAP1,
+    HIT,
+    ID0,
+    K00,
+    K01,
+    K11,
+    KTT,
+    LANES,
+    MU,
+    NEVER,
+    NX,
+    NY,
+    PN0,
+    PN1,
+    PT,
+    VN0,
+    VN1,
+    WANT0,
+    WANT1,
+    E,
+    Rows,
 )
+from tbsa.kernels.jit import U, columns, inline
+from tbsa.kernels.routh import routh
+from tbsa.kernels.solver import Bodies, FloorLaw, Numbers, apply_impulses, relax
 
 # Points nearer than this fraction of the width take part in an impact of their tiles.
 TOUCHING = 1e-3
@@ -61,36 +88,37 @@ def root(parent: np.ndarray, i: int) -> int:
 
 
 @inline
-def lone_impact(rows: Rows, i: int, k: Numbers, im: float, ii: float, v: Bodies) -> bool:
-    """Routh's impact at the one point of row i that hits; False where a second point would too."""
-    second = rows.seen[i] == 2
-    if rows.seen[i] == 3:
+def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: float,
+                v: Bodies) -> bool:
+    """Routh's impact at the one point of a row that hits; False where a second point would too."""
+    r, body = rows.field, rows.body
+    i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
+    if r[i + HIT] == 3.0:
         return False
-    a, b, nx, ny, at, bt = (rows.a[i], rows.b[i], rows.nx[i], rows.ny[i], rows.at[i],
-                            rows.bt[i])
-    an, bn, knn, vn = rows.an0[i], rows.bn0[i], rows.k00[i], rows.vn0[i]
-    gap_other, vn_other = rows.gap1[i], rows.vn1[i]
+    second, two = r[i + HIT] == 2.0, r[i + COUNT] == 2.0
+    a, b, nx, ny, at, bt = (U(body[t]), U(body[t + LANES]), r[i + NX], r[i + NY], r[i + AT],
+                            r[i + BT])
+    an, bn, knn, vn = r[i + AN0], r[i + BN0], r[i + K00], r[i + VN0]
+    gap_other, vn_other = r[i + GAP1], r[i + VN1]
     if second:
-        an, bn, knn, vn = rows.an1[i], rows.bn1[i], rows.k11[i], vn_other
-        gap_other, vn_other = rows.gap0[i], rows.vn0[i]
+        an, bn, knn, vn = r[i + AN1], r[i + BN1], r[i + K11], vn_other
+        gap_other, vn_other = r[i + GAP0], r[i + VN0]
     vx, vy, w = v.vx, v.vy, v.w
     ma, mb = v.mobile[a], v.mobile[b]
-    ktt = rows.ktt[i]
-    if rows.points[i] == 2:
+    ktt = r[i + KTT]
+    if two:
         # The row's friction acts midway between its points; this impact at the one that hits.
         # An even first id says that the face is a's (see `square_square`).
-        aside = 0.25 * (rows.gap1[i] - rows.gap0[i]) * (1.0 if second else -1.0)
-        aside *= 1.0 if rows.id0[i] % 2 == 0 else -1.0
+        aside = 0.25 * (r[i + GAP1] - r[i + GAP0]) * (1.0 if second else -1.0)
+        aside *= 1.0 if r[i + ID0] % 2.0 == 0.0 else -1.0
         at, bt = at + aside, bt + aside
         ktt = im * (ma + mb) + ii * (ma * at * at + mb * bt * bt)
     knt = ii * (ma * an * at + mb * bn * bt)
     vt = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a]) + bt * w[b] - at * w[a]
-    wall = b == k.n
-    pn, pt = routh(vn, vt, knn, ktt, knt, k.mu_wall if wall else k.mu,
-                   k.e_wall if wall else k.e)
-    if rows.points[i] == 2:
-        an2, bn2 = (rows.an0[i], rows.bn0[i]) if second else (rows.an1[i], rows.bn1[i])
-        vn_other += rows.k01[i] * pn + ii * (ma * an2 * at + mb * bn2 * bt) * pt
+    pn, pt = routh(vn, vt, knn, ktt, knt, r[i + MU], r[i + E])
+    if two:
+        an2, bn2 = (r[i + AN0], r[i + BN0]) if second else (r[i + AN1], r[i + BN1])
+        vn_other += r[i + K01] * pn + ii * (ma * an2 * at + mb * bn2 * bt) * pt
         if gap_other + k.h * vn_other < 0.0:
             return False
     px, py = nx * pn - ny * pt, ny * pn + nx * pt
@@ -143,53 +171,51 @@ def limit_energy(k: Numbers, island: np.ndarray, v: Bodies, ux: np.ndarray, uy: 
 
 @inline
 def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray,
-            v: Bodies, scratch: Scratch) -> int:
-    """Impulses of everything that hits in this substep; returns the number of points that hit.
+            v: Bodies, scratch: Scratch) -> bool:
+    """Impulses of everything that hits in this substep, as marked in ``hit``.
 
     `floor` must be the law 0: dry friction of the floor is a finite force and does nothing in
-    an impact.  The rows must be prepared; their impulses are used as scratch.
+    an impact.  Returns whether rows have been used, which then have to be restored.
     """
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
-    ra, rb, gap0, gap1, count = rows.a, rows.b, rows.gap0, rows.gap1, rows.points
-    vn0, vn1, hit, want0, want1 = rows.vn0, rows.vn1, rows.seen, rows.want0, rows.want1
-    pn0, pn1, k00, k11, mobile = rows.pn0, rows.pn1, rows.k00, rows.k11, v.mobile
-    # What closes within the substep, faster than the threshold: bit 1 and 2 for the two points.
-    approach(rows, m, v)
-    struck = 0
-    for i in range(m):
-        hit[i] = 0
-        if vn0[i] < -k.threshold and gap0[i] + k.h * vn0[i] < 0.0:
-            hit[i] = 1
-            struck += 1
-        if count[i] == 2 and vn1[i] < -k.threshold and gap1[i] + k.h * vn1[i] < 0.0:
-            hit[i] += 2
-            struck += 1
-    if struck == 0:
-        return 0
+    r, body, hits, seen, mobile = rows.field, rows.body, rows.hits, rows.seen, v.mobile
+    blocks = rows.first[COLOURS]
     island, near = scratch.island, scratch.near
     near[:] = 0
     touching = TOUCHING * k.width
-    for i in range(m):
-        if hit[i] != 0 or gap0[i] < touching or gap1[i] < touching:
-            a, b = ra[i], rb[i]
-            near[a] += 1
-            near[b] += 1
+    for block in range(blocks):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):
+            close = (r[o + HIT + i] != 0.0) | (min(r[o + GAP0 + i], r[o + GAP1 + i]) < touching)
+            one = 1 if close & (r[o + COUNT + i] != 0.0) else 0
+            near[U(body[t + i])] += one
+            near[U(body[t + LANES + i])] += one
 
     together = False
-    for i in range(m):
-        a, b = ra[i], rb[i]
-        alone = (mobile[a] == 0.0 or near[a] == 1) and (mobile[b] == 0.0 or near[b] == 1)
-        if hit[i] != 0 and not (alone and lone_impact(rows, i, k, im, ii, v)):
-            together = True
+    for block in range(blocks):
+        seen[block] = 0
+        if hits[block] == 0:
+            continue
+        t = U(block) * BODIES
+        for i in range(LANES):
+            if r[U(block) * BLOCK + HIT + i] == 0.0:
+                continue
+            a, b = U(body[t + i]), U(body[t + LANES + i])
+            alone = (mobile[a] == 0.0 or near[a] == 1) and (mobile[b] == 0.0 or near[b] == 1)
+            if not (alone and lone_impact(rows, block, i, k, im, ii, v)):
+                together = True
+                seen[block] = -1  # to be solved first
     if not together:
-        return struck
+        return False
     for i in range(k.n + 1):
         island[i] = i
-    for i in range(m):
-        a, b = ra[i], rb[i]
-        if mobile[a] * mobile[b] != 0.0:
-            p, q = root(island, a), root(island, b)
-            island[max(p, q)] = min(p, q)
+    for block in range(blocks):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):
+            a, b = body[t + i], body[t + LANES + i]
+            if r[o + COUNT + i] != 0.0 and mobile[a] * mobile[b] != 0.0:
+                p, q = root(island, a), root(island, b)
+                island[max(p, q)] = min(p, q)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
     # What ten times the tolerance leaves is closed by the contact solve that follows.
@@ -198,14 +224,15 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
     for i in range(k.n):
         ux[i], uy[i], uw[i] = v.vx[i], v.vy[i], v.w[i]
         most[i] = 0.5 * (k.mass * (ux[i] * ux[i] + uy[i] * uy[i]) + k.inertia * uw[i] * uw[i])
-    for i in range(m):
-        want0[i] = 0.0 if hit[i] & 1 else max(gap0[i], 0.0) / k.h
-        want1[i] = 0.0 if hit[i] & 2 else max(gap1[i], 0.0) / k.h
-        hit[i] = -1 if hit[i] != 0 else 0  # now: rows to solve first
-    pn0[:m] = 0.0
-    pn1[:m] = 0.0
-    rows.pt[:m] = 0.0
-    rows.base[:m] = 0.0
+    for block in range(blocks):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            hit, none = r[o + HIT + i], r[o + COUNT + i] == 0.0
+            want0, want1 = max(r[o + GAP0 + i], 0.0) / k.h, max(r[o + GAP1 + i], 0.0) / k.h
+            want0 = 0.0 if (hit == 1.0) | (hit == 3.0) else want0
+            want1 = 0.0 if hit >= 2.0 else want1
+            r[o + WANT0 + i], r[o + WANT1 + i] = NEVER if none else want0, NEVER if none else want1
+            r[o + PN0 + i] = r[o + PN1 + i] = r[o + PT + i] = r[o + BASE + i] = 0.0
     relax(rows, m, k, floor, im, ii, c, s, v, rough)
     limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
 
@@ -213,20 +240,25 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
     for i in range(k.n):
         most[i] = 0.5 * (k.mass * (ux[i] * ux[i] + uy[i] * uy[i]) + k.inertia * uw[i] * uw[i])
         ux[i], uy[i], uw[i] = v.vx[i], v.vy[i], v.w[i]
-    base = rows.base
     back = False
-    for i in range(m):
-        e = k.e_wall if rb[i] == k.n else k.e
-        pn0[i] = e * pn0[i] if pn0[i] * k00[i] > k.threshold else 0.0
-        pn1[i] = e * pn1[i] if pn1[i] * k11[i] > k.threshold else 0.0
-        base[i] = pn0[i] + pn1[i]
-        hit[i] = -1 if base[i] > 0.0 else 0
-        back = back or base[i] > 0.0
-    rows.pt[:m] = 0.0
+    for block in range(blocks):
+        o = U(block) * BLOCK
+        some = False
+        for i in range(LANES):
+            e, p0, p1 = r[o + E + i], r[o + PN0 + i], r[o + PN1 + i]
+            p0 = e * p0 if p0 * r[o + K00 + i] > k.threshold else 0.0
+            p1 = e * p1 if p1 * r[o + K11 + i] > k.threshold else 0.0
+            r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, 0.0
+            r[o + BASE + i] = p0 + p1
+            some |= p0 + p1 > 0.0
+        seen[block] = -1 if some else 0
+        back |= some
     if back:
-        apply_impulses(rows, m, im, ii, v)
-        pn0[:m] = 0.0
-        pn1[:m] = 0.0
+        apply_impulses(rows, ii / im, v)
+        for block in range(blocks):
+            o = U(block) * BLOCK
+            for i in range(LANES):
+                r[o + PN0 + i] = r[o + PN1 + i] = 0.0
         relax(rows, m, k, floor, im, ii, c, s, v, rough)
         limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
-    return struck
+    return True

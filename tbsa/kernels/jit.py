@@ -76,6 +76,12 @@ def inline(function: Callable[..., Any]) -> Any:
     return numba.njit(nogil=True, error_model="numpy", inline="never")(function)
 
 
+def lane(function: Callable[..., Any]) -> Any:
+    """Jit a scalar helper of a loop over lanes, without branches: always part of its caller,
+    so that the loop can become vector code."""
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+
+
 def columns(length: int, kinds: list[type]) -> list[np.ndarray]:
     """Zeroed arrays of one length, one a kind (float or int), laid out against cache conflicts.
 

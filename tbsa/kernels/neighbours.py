@@ -34,19 +34,25 @@ def empty_pairs(n: int, capacity: int) -> Pairs:
 
 @inline
 def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray,
-          h: float) -> bool:
-    """Whether a drift by h/2 may bring a pair within reach that is not on the list."""
+          far: np.ndarray, half: float, slack: float) -> bool:
+    """Whether a pair may be needed in this step that is not on the list.
+
+    Needed are pairs within the reach at the middle of the step, a time `half` from now, and
+    pairs of which the tiles' corners may meet when each goes as `far` as this; the reach is by
+    twice the `slack` more than two corners need that do not move.
+    """
     limit = 0.5 * pairs.skin[0]
     if limit == 0.0:
         return True
-    limit *= limit
     px, py = pairs.x, pairs.y
-    for i in range(n):
-        dx = x[i] + 0.5 * h * vx[i] - px[i]
-        dy = y[i] + 0.5 * h * vy[i] - py[i]
-        if not dx * dx + dy * dy <= limit:  # also where it is not a number
-            return True
-    return False
+    some = 0
+    for i in range(U(n)):
+        dx, dy = x[i] - px[i], y[i] - py[i]
+        mx, my = dx + half * vx[i], dy + half * vy[i]
+        some += 1 if not mx * mx + my * my <= limit * limit else 0  # also: not a number
+        room = limit + slack - far[i]
+        some += 1 if not ((room >= 0.0) & (dx * dx + dy * dy <= room * room)) else 0
+    return some > 0
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""The contact solve: projected Gauss-Seidel over manifolds and floor patches.
+"""The contact solve: projected Gauss-Seidel over blocks of manifolds and over floor patches.
 
 For every contact point, with ``vn`` the relative normal velocity at the end of the substep:
 
@@ -7,8 +7,8 @@ For every contact point, with ``vn`` the relative normal velocity at the end of 
 
 A manifold of one point is solved exactly for both impulses; one of two points exactly for both
 normal impulses, in turn with its one friction impulse.  Friction with the floor is a bounded
-impulse of each tile (see `floor.py`) and is solved in the same sweep.  A row is solved again only
-if one of its bodies has been moved by more than the tolerance since: converged parts of the
+impulse of each tile (see `floor.py`) and is solved between the passes.  A block is solved again
+only if one of its bodies has been moved by more than the tolerance since: converged parts of the
 scene drop out of further passes.
 """
 
@@ -18,9 +18,50 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.contacts import Rows
-from tbsa.kernels.floor import SEPARATE, floor_impulse, interval
-from tbsa.kernels.jit import U, columns, inline
+from tbsa.kernels.contacts import (
+    AN0,
+    AN1,
+    AT,
+    AW,
+    AX,
+    AY,
+    BASE,
+    BLOCK,
+    BN0,
+    BN1,
+    BODIES,
+    BT,
+    BW,
+    BX,
+    BY,
+    CHANGE,
+    COLOURS,
+    COUNT,
+    GAP0,
+    GAP1,
+    I00,
+    I11,
+    IDET,
+    ITT,
+    K00,
+    K01,
+    K11,
+    KTT,
+    LANES,
+    MA,
+    MB,
+    MU,
+    NX,
+    NY,
+    PN0,
+    PN1,
+    PT,
+    WANT0,
+    WANT1,
+    Rows,
+)
+from tbsa.kernels.floor import SEPARATE, disc, floor_impulse, interval
+from tbsa.kernels.jit import U, columns, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
@@ -33,6 +74,7 @@ class Numbers(NamedTuple):
     n: int  # tiles
     width: float  # m
     h: float  # s, the substep
+    substeps: int  # in a step
     mass: float  # kg
     inertia: float  # kg m^2
     linear_damping: float  # 1/s
@@ -70,85 +112,22 @@ class Bodies(NamedTuple):
     floorx: np.ndarray  # floor impulse of this substep
     floory: np.ndarray
     floort: np.ndarray
-    lastx: np.ndarray  # velocity when the floor was last solved
-    lasty: np.ndarray
-    moved: np.ndarray  # int64, when a contact last changed the velocity
-    swept: np.ndarray  # int64, when the floor was last solved
+    change: np.ndarray  # by which the floor changed the velocity
+    moved: np.ndarray  # int64, when the velocity was last changed by more than the tolerance
 
 
 def empty_bodies(n: int) -> Bodies:
     """Bodies of `n` tiles and the ground."""
-    whole = {"moved", "swept"}
-    return Bodies(*columns(n + 1, [int if f in whole else float for f in Bodies._fields]))
+    return Bodies(*columns(n + 1, [int if f == "moved" else float for f in Bodies._fields]))
 
 
-@inline
-def prepare(rows: Rows, m: int, im: float, ii: float, mobile: np.ndarray) -> None:
-    """Inverse effective masses of `m` rows, for tiles of inverse mass `im` and inertia `ii`."""
-    ra, rb, at, bt, count = rows.a, rows.b, rows.at, rows.bt, rows.points
-    an0, bn0, an1, bn1 = rows.an0, rows.bn0, rows.an1, rows.bn1
-    k00, k01, k11, ktt = rows.k00, rows.k01, rows.k11, rows.ktt
-    i00, i11, itt, idet = rows.i00, rows.i11, rows.itt, rows.idet
-    for i in range(m):
-        ma, mb = mobile[U(ra[i])], mobile[U(rb[i])]
-        linear, ia, ib = im * (ma + mb), ii * ma, ii * mb
-        k00[i] = linear + ia * an0[i] * an0[i] + ib * bn0[i] * bn0[i]
-        k11[i] = linear + ia * an1[i] * an1[i] + ib * bn1[i] * bn1[i]
-        ktt[i] = linear + ia * at[i] * at[i] + ib * bt[i] * bt[i]
-        normal = linear + ia * an0[i] * an1[i] + ib * bn0[i] * bn1[i]
-        friction = ia * an0[i] * at[i] + ib * bn0[i] * bt[i]
-        two = count[i] == 2
-        k01[i] = normal if two else friction
-        both = k00[i] * (k11[i] if two else ktt[i])
-        det = both - k01[i] * k01[i]
-        idet[i] = 1.0 / det if det > 1e-9 * both else np.nan
-        i00[i], i11[i], itt[i] = 1.0 / k00[i], 1.0 / k11[i], 1.0 / ktt[i]
-
-
-@inline
-def approach(rows: Rows, m: int, v: Bodies) -> None:
-    """Normal velocities of all points into ``rows.vn0``, ``rows.vn1``."""
-    ra, rb, nx, ny, an0, bn0, an1, bn1 = (rows.a, rows.b, rows.nx, rows.ny, rows.an0, rows.bn0,
-                                          rows.an1, rows.bn1)
-    vn0, vn1 = rows.vn0, rows.vn1
-    vx, vy, w = v.vx, v.vy, v.w
-    for i in range(m):
-        a, b = U(ra[i]), U(rb[i])
-        along = nx[i] * (vx[b] - vx[a]) + ny[i] * (vy[b] - vy[a])
-        vn0[i] = along + bn0[i] * w[b] - an0[i] * w[a]
-        vn1[i] = along + bn1[i] * w[b] - an1[i] * w[a]
-
-
-@inline
-def apply_impulses(rows: Rows, m: int, im: float, ii: float, v: Bodies) -> None:
-    """Apply the impulses that the rows carry."""
-    ra, rb, nx, ny, at, bt = rows.a, rows.b, rows.nx, rows.ny, rows.at, rows.bt
-    an0, bn0, an1, bn1 = rows.an0, rows.bn0, rows.an1, rows.bn1
-    pn0, pn1, pt = rows.pn0, rows.pn1, rows.pt
-    vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
-    for i in range(m):
-        p0, p1, t = pn0[i], pn1[i], pt[i]
-        if p0 == 0.0 and p1 == 0.0 and t == 0.0:
-            continue
-        a, b = U(ra[i]), U(rb[i])
-        px, py = nx[i] * (p0 + p1) - ny[i] * t, ny[i] * (p0 + p1) + nx[i] * t
-        ma, mb = mobile[a] * im, mobile[b] * im
-        vx[a] -= ma * px
-        vy[a] -= ma * py
-        w[a] -= mobile[a] * ii * (an0[i] * p0 + an1[i] * p1 + at[i] * t)
-        vx[b] += mb * px
-        vy[b] += mb * py
-        w[b] += mobile[b] * ii * (bn0[i] * p0 + bn1[i] * p1 + bt[i] * t)
-
-
-@inline
+@lane
 def one_point(vn: float, vt: float, knn: float, ktt: float, knt: float, itt: float, idet: float,
               mu: float, base: float) -> Any:
     """Impulses (pn, pt) of one contact from the velocities without them (vn with its want).
 
     Open, stick or slide, whichever is consistent; `base` widens the friction bound to
-    mu (base + pn).  Written without branches: which case comes is as good as random, and a
-    wrong guess of the processor costs more than all of them.
+    mu (base + pn).
     """
     # Open: no further normal impulse, friction alone on what is there already.
     loose = min(max(-vt * itt, -mu * base), mu * base)
@@ -167,7 +146,7 @@ def one_point(vn: float, vt: float, knn: float, ktt: float, knt: float, itt: flo
     return (0.0 if is_open else closed_n), (loose if is_open else closed_t)
 
 
-@inline
+@lane
 def two_points(u0: float, u1: float, k01: float, i00: float, i11: float, k00: float, k11: float,
                idet: float) -> Any:
     """Normal impulses of two points from their velocities without them: exact, by cases.
@@ -185,124 +164,196 @@ def two_points(u0: float, u1: float, k01: float, i00: float, i11: float, k00: fl
 
 
 @inline
-def sweep_rows(rows: Rows, m: int, ground: int, mu: float, mu_wall: float, im: float, ii: float,
-               v: Bodies, tolerance: float, clock: int) -> tuple[float, int]:
-    """One pass over the rows whose bodies have moved since they were last solved.
+def gather(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """The velocities of a block's bodies, into its lanes."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for i in range(LANES):
+        a, b = U(body[t + i]), U(body[t + LANES + i])
+        r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+        r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
+
+
+@inline
+def scatter(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """And back.  Bodies that two lanes have in common are held: their velocity stays as it is."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for i in range(LANES):
+        a, b = U(body[t + i]), U(body[t + LANES + i])
+        vx[a], vy[a], w[a] = r[o + AX + i], r[o + AY + i], r[o + AW + i]
+        vx[b], vy[b], w[b] = r[o + BX + i], r[o + BY + i], r[o + BW + i]
+
+
+@lane
+def push(r: np.ndarray, k: int, per_mass: float, d0: float, d1: float, dt: float) -> None:
+    """Give the bodies of lane k the normal impulses d0, d1 and the friction impulse dt."""
+    nx, ny, ma, mb = r[k + NX], r[k + NY], r[k + MA], r[k + MB]
+    px, py = nx * (d0 + d1) - ny * dt, ny * (d0 + d1) + nx * dt
+    r[k + AX] -= ma * px
+    r[k + AY] -= ma * py
+    r[k + AW] -= per_mass * ma * (r[k + AN0] * d0 + r[k + AN1] * d1 + r[k + AT] * dt)
+    r[k + BX] += mb * px
+    r[k + BY] += mb * py
+    r[k + BW] += per_mass * mb * (r[k + BN0] * d0 + r[k + BN1] * d1 + r[k + BT] * dt)
+
+
+@inline
+def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
+    """Solve a block of manifolds of two points: their friction, then their normal impulses."""
+    o = U(block) * BLOCK
+    for i in range(LANES):
+        k = o + i
+        nx, ny, wa, wb = r[k + NX], r[k + NY], r[k + AW], r[k + BW]
+        dvx, dvy = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY]
+        an0, bn0, an1, bn1 = r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1]
+        at, bt, q0, q1, qt = r[k + AT], r[k + BT], r[k + PN0], r[k + PN1], r[k + PT]
+        k00, k01, k11 = r[k + K00], r[k + K01], r[k + K11]
+        along = nx * dvx + ny * dvy
+        vt = nx * dvy - ny * dvx + bt * wb - at * wa
+        bound = r[k + MU] * (r[k + BASE] + q0 + q1)
+        t = min(max(qt - vt * r[k + ITT], -bound), bound)
+        # What this friction does to the normal velocities, through the lever arms.
+        ta = wa - per_mass * r[k + MA] * at * (t - qt)
+        tb = wb + per_mass * r[k + MB] * bt * (t - qt)
+        u0 = along + bn0 * tb - an0 * ta + r[k + WANT0] - k00 * q0 - k01 * q1
+        u1 = along + bn1 * tb - an1 * ta + r[k + WANT1] - k01 * q0 - k11 * q1
+        p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, r[k + IDET])
+        push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
+        r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t
+        r[k + CHANGE] = max(max(abs(p0 - q0) * k00, abs(p1 - q1) * k11),
+                            abs(t - qt) * r[k + KTT])
+
+
+@inline
+def solve_mixed(r: np.ndarray, block: int, per_mass: float) -> None:
+    """Solve a block of manifolds of one and of two points."""
+    o = U(block) * BLOCK
+    for i in range(LANES):
+        k = o + i
+        nx, ny, wa, wb = r[k + NX], r[k + NY], r[k + AW], r[k + BW]
+        dvx, dvy = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY]
+        an0, bn0, an1, bn1 = r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1]
+        at, bt, q0, q1, qt = r[k + AT], r[k + BT], r[k + PN0], r[k + PN1], r[k + PT]
+        k00, k01, k11, ktt = r[k + K00], r[k + K01], r[k + K11], r[k + KTT]
+        mu, base, itt, idet = r[k + MU], r[k + BASE], r[k + ITT], r[k + IDET]
+        two = r[k + COUNT] > 1.5
+        along = nx * dvx + ny * dvy
+        vt = nx * dvy - ny * dvx + bt * wb - at * wa
+        bound = mu * (base + q0 + q1)
+        t2 = min(max(qt - vt * itt, -bound), bound)
+        ta = wa - per_mass * r[k + MA] * at * (t2 - qt)
+        tb = wb + per_mass * r[k + MB] * bt * (t2 - qt)
+        u0 = along + bn0 * tb - an0 * ta + r[k + WANT0] - k00 * q0 - k01 * q1
+        u1 = along + bn1 * tb - an1 * ta + r[k + WANT1] - k01 * q0 - k11 * q1
+        p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, idet)
+        vn = along + bn0 * wb - an0 * wa + r[k + WANT0]
+        pn, pt = one_point(vn - k00 * q0 - k01 * qt, vt - k01 * q0 - ktt * qt, k00, ktt, k01, itt,
+                           idet, mu, base)
+        p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)
+        push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
+        r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t
+        r[k + CHANGE] = max(max(abs(p0 - q0) * k00, abs(p1 - q1) * k11), abs(t - qt) * ktt)
+
+
+@inline
+def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
+    """Apply the impulses that the rows carry."""
+    r, first = rows.field, rows.first
+    vx, vy, w = v.vx, v.vy, v.w
+    for colour in range(COLOURS):
+        for block in range(first[colour], first[colour + 1]):
+            gather(rows, block, vx, vy, w)
+        for block in range(first[colour], first[colour + 1]):
+            o = U(block) * BLOCK
+            for i in range(LANES):
+                k = o + i
+                push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+        for block in range(first[colour], first[colour + 1]):
+            scatter(rows, block, vx, vy, w)
+
+
+@inline
+def sweep_rows(rows: Rows, per_mass: float, v: Bodies, tolerance: float, clock: int,
+               forward: bool) -> tuple[float, int]:
+    """One pass over the blocks of which a body has moved since they were last solved.
 
     Returns the largest contact velocity that a row changed, and the clock.
     """
-    ra, rb, count, nx, ny, at, bt = (rows.a, rows.b, rows.points, rows.nx, rows.ny, rows.at,
-                                     rows.bt)
-    ran0, rbn0, ran1, rbn1 = rows.an0, rows.bn0, rows.an1, rows.bn1
-    pn0, pn1, pt, base = rows.pn0, rows.pn1, rows.pt, rows.base
-    want0, want1, seen = rows.want0, rows.want1, rows.seen
-    rk00, rk01, rk11, rktt = rows.k00, rows.k01, rows.k11, rows.ktt
-    ri00, ri11, ritt, ridet = rows.i00, rows.i11, rows.itt, rows.idet
-    vx, vy, w, mobile, moved = v.vx, v.vy, v.w, v.mobile, v.moved
+    r, body, seen, single, active, first = (rows.field, rows.body, rows.seen, rows.single,
+                                            rows.active, rows.first)
+    vx, vy, w, moved = v.vx, v.vy, v.w, v.moved
     worst = 0.0
-    for i in range(m):
-        a, b, wall = U(ra[i]), U(rb[i]), rb[i] == ground
-        if (moved[a] <= seen[i]) & (moved[b] <= seen[i]):
+    for q in range(COLOURS):
+        colour = q if forward else COLOURS - 1 - q
+        m = 0
+        for block in range(first[colour], first[colour + 1]):
+            t, since = U(block) * BODIES, seen[block]
+            some = False
+            for i in range(BODIES):
+                some |= moved[U(body[t + i])] > since
+            active[m] = block
+            m += some
+        if m == 0:
             continue
         clock += 1
-        two = count[i] == 2
-        c, s, an0, bn0 = nx[i], ny[i], ran0[i], rbn0[i]
-        dvx, dvy, wa, wb = vx[b] - vx[a], vy[b] - vy[a], w[a], w[b]
-        ma, mb = mobile[a], mobile[b]
-        q0, q1, qt, k00, k01, ktt = pn0[i], pn1[i], pt[i], rk00[i], rk01[i], rktt[i]
-        friction = mu_wall if wall else mu
-        vt = c * dvy - s * dvx + bt[i] * wb - at[i] * wa
-        along = c * dvx + s * dvy
-        u0 = along + bn0 * wb - an0 * wa + want0[i]
-        if two:
-            an1, bn1, k11 = ran1[i], rbn1[i], rk11[i]
-            bound = friction * (base[i] + q0 + q1)
-            t = min(max(qt - vt * ritt[i], -bound), bound)
-            # What this friction does to the normal velocities, through the lever arms.
-            ta, tb = ii * ma * at[i] * (t - qt), ii * mb * bt[i] * (t - qt)
-            u0 += bn0 * tb + an0 * ta
-            u1 = along + bn1 * (wb + tb) - an1 * (wa - ta) + want1[i]
-            p0, p1 = two_points(u0 - k00 * q0 - k01 * q1, u1 - k01 * q0 - k11 * q1, k01, ri00[i],
-                                ri11[i], k00, k11, ridet[i])
-            d0, d1 = p0 - q0, p1 - q1
-            turn_a, turn_b = an0 * d0 + an1 * d1, bn0 * d0 + bn1 * d1
-            change = max(abs(d0) * k00, abs(d1) * k11)
-            dn = d0 + d1
-            pn1[i] = p1
-        else:
-            p0, t = one_point(u0 - k00 * q0 - k01 * qt, vt - k01 * q0 - ktt * qt, k00, ktt, k01,
-                              ritt[i], ridet[i], friction, base[i])
-            dn = p0 - q0
-            turn_a, turn_b = an0 * dn, bn0 * dn
-            change = abs(dn) * k00
-        dt = t - qt
-        change = max(change, abs(dt) * ktt)
-        pn0[i], pt[i] = p0, t
-        px, py = c * dn - s * dt, s * dn + c * dt
-        vx[a] -= ma * im * px
-        vy[a] -= ma * im * py
-        w[a] -= ma * ii * (turn_a + at[i] * dt)
-        vx[b] += mb * im * px
-        vy[b] += mb * im * py
-        w[b] += mb * ii * (turn_b + bt[i] * dt)
-        large = change > tolerance
-        # The friction and normal impulses of two points alternate: look at them again.
-        seen[i] = clock - 1 if large & two else clock
-        moved[a] = clock if large else moved[a]
-        moved[b] = clock if large & (not wall) else moved[b]
-        worst = max(worst, change)
+        for j in range(m):
+            gather(rows, active[j], vx, vy, w)
+        for j in range(m):
+            if single[active[j]] == 0:
+                solve_pairs(r, active[j], per_mass)
+            else:
+                solve_mixed(r, active[j], per_mass)
+        for j in range(m):
+            block = active[j]
+            scatter(rows, block, vx, vy, w)
+            o, t = U(block) * BLOCK, U(block) * BODIES
+            seen[block] = clock
+            for i in range(LANES):
+                change = r[o + CHANGE + i]
+                if change > tolerance:
+                    # Friction and normal impulses alternate: look at them again.
+                    seen[block] = clock - 1
+                    moved[U(body[t + i])] = clock
+                    moved[U(body[t + LANES + i])] = clock
+                worst = max(worst, change)
     return worst, clock
 
 
 @inline
 def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
-                s: np.ndarray, v: Bodies, clock: int, everyone: bool, tolerance: float) -> None:
-    """Solve the floor's impulse of every tile, or of those for which it may have changed.
-
-    The friction of a tile that slides fast hardly depends on what its contacts do to it: the
-    impulse R along s = start + end turns by R |change of v| / (m |s|).  Where that is below the
-    tolerance, a pass in between solves its spin alone.
-    """
+                s: np.ndarray, v: Bodies, clock: int, tolerance: float) -> None:
+    """Solve the floor's impulse of every tile."""
     bound, turn = floor.force * k.h, floor.torque * k.h
     mass, inertia = 1.0 / im, 1.0 / ii
-    separate = floor.law == SEPARATE
-    slow = 2.0 * bound * im
-    stiff = (slow / tolerance) ** 2
-    vx, vy, w, mobile, moved, swept = v.vx, v.vy, v.w, v.mobile, v.moved, v.swept
+    vx, vy, w, moved, change = v.vx, v.vy, v.w, v.moved, v.change
     startx, starty, startw = v.startx, v.starty, v.startw
-    floorx, floory, floort, lastx, lasty = v.floorx, v.floory, v.floort, v.lastx, v.lasty
-    for i in range(k.n):
-        if mobile[i] == 0.0:
-            continue
-        if not everyone and moved[i] <= swept[i]:
-            continue
-        if separate and not everyone:
-            dx, dy = vx[i] - lastx[i], vy[i] - lasty[i]
-            fast = (startx[i] + vx[i]) ** 2 + (starty[i] + vy[i]) ** 2
-            # Beyond 4 R/m the tile is sure to slide.
-            if fast > 4.0 * slow * slow and fast > (dx * dx + dy * dy) * stiff:
-                tw = w[i] - ii * floort[i]
-                floort[i] = interval(startw[i], tw, inertia, turn)
-                uw = 0.0 if floort[i] == -inertia * tw else tw + ii * floort[i]
-                swept[i] = clock
-                if k.width * abs(uw - w[i]) > tolerance:
-                    moved[i] = clock
-                w[i] = uw
-                continue
-        swept[i] = clock
-        tx, ty, tw = vx[i] - im * floorx[i], vy[i] - im * floory[i], w[i] - ii * floort[i]
-        px, py, pw = floor_impulse(floor.law, startx[i], starty[i], startw[i], tx, ty, tw, mass,
-                                   inertia, bound, turn, c[i], s[i])
-        floorx[i], floory[i], floort[i] = px, py, pw
-        # A tile that the floor stops is at rest exactly, not to rounding.
-        stopped = px == -mass * tx and py == -mass * ty
-        ux = 0.0 if stopped else tx + im * px
-        uy = 0.0 if stopped else ty + im * py
-        uw = 0.0 if pw == -inertia * tw else tw + ii * pw
-        change = max(abs(ux - vx[i]), abs(uy - vy[i]), k.width * abs(uw - w[i]))
-        vx[i], vy[i], w[i], lastx[i], lasty[i] = ux, uy, uw, ux, uy
-        if change > tolerance:
-            moved[i] = clock
+    floorx, floory, floort = v.floorx, v.floory, v.floort
+    n = U(k.n)
+    if floor.law == SEPARATE:
+        for i in range(n):
+            tx, ty, tw = vx[i] - im * floorx[i], vy[i] - im * floory[i], w[i] - ii * floort[i]
+            px, py, stops = disc(startx[i], starty[i], tx, ty, mass, bound)
+            pw, halts = interval(startw[i], tw, inertia, turn)
+            # A tile that the floor stops is at rest exactly, not to rounding.
+            ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
+            uw = 0.0 if halts else tw + ii * pw
+            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            floorx[i], floory[i], floort[i] = px, py, pw
+            vx[i], vy[i], w[i] = ux, uy, uw
+    else:
+        for i in range(n):
+            tx, ty, tw = vx[i] - im * floorx[i], vy[i] - im * floory[i], w[i] - ii * floort[i]
+            px, py, pw = floor_impulse(floor.law, startx[i], starty[i], startw[i], tx, ty, tw,
+                                       mass, inertia, bound, turn, c[i], s[i])
+            stopped = px == -mass * tx and py == -mass * ty
+            ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
+            uw = 0.0 if pw == -inertia * tw else tw + ii * pw
+            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            floorx[i], floory[i], floort[i] = px, py, pw
+            vx[i], vy[i], w[i] = ux, uy, uw
+    for i in range(n):
+        moved[i] = clock if change[i] > tolerance else moved[i]
 
 
 @inline
@@ -310,32 +361,31 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
           s: np.ndarray, v: Bodies, tolerance: float) -> int:
     """Gauss-Seidel passes until none changes a contact velocity by more than `tolerance`.
 
-    The impulses that the rows carry must already have been applied.  Rows marked -1 in
-    ``rows.seen`` are solved at least once, those marked 0 only once a neighbour has moved.
+    The impulses that the rows carry must already have been applied.  Blocks marked -1 in
+    ``rows.seen`` are solved at least once, those marked 0 only once a body of theirs has moved.
     Returns the number of passes, or -1 - passes where the limit was reached first.
     """
     clock = 1
     v.moved[:] = 0
-    v.swept[:] = 0
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v, clock, True, tolerance)
+        sweep_floor(floor, k, im, ii, c, s, v, clock, tolerance)
     done = -1 - k.passes
     for p in range(k.passes):
-        worst, clock = sweep_rows(rows, m, k.n, k.mu, k.mu_wall, im, ii, v, tolerance, clock)
+        worst, clock = sweep_rows(rows, ii / im, v, tolerance, clock, p % 2 == 0)
         if worst <= tolerance:
             done = p + 1
             break
         if floor.law != 0:
             clock += 1
-            sweep_floor(floor, k, im, ii, c, s, v, clock, False, tolerance)
-    if floor.law != 0:  # last, so that what the floor holds is at rest exactly
-        sweep_floor(floor, k, im, ii, c, s, v, clock + 1, True, tolerance)
+            sweep_floor(floor, k, im, ii, c, s, v, clock, tolerance)
+    if floor.law != 0 and done > 0:  # last, so that what the floor holds is at rest exactly
+        sweep_floor(floor, k, im, ii, c, s, v, clock + 1, tolerance)
     return done
 
 
 @inline
-def limit_work(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
-               c: np.ndarray, s: np.ndarray, v: Bodies, u: Bodies, tolerance: float) -> None:
+def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
+               s: np.ndarray, v: Bodies, u: Bodies, tolerance: float) -> None:
     """Scale the contact impulses down where, together, they would do work.
 
     A solved contact problem only takes energy from the velocities `u` that it began with; one
@@ -344,33 +394,41 @@ def limit_work(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: f
     """
     vx, vy, w, ux, uy, uw = v.vx, v.vy, v.w, u.vx, u.vy, u.w
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    square, mixed = 0.0, 0.0
-    for i in range(k.n):
+    n = U(k.n)
+    energy, power = v.change, u.change
+    for i in range(n):
         gx, gy, gw = im * floorx[i], im * floory[i], ii * floort[i]
         dx, dy, dw = vx[i] - gx - ux[i], vy[i] - gy - uy[i], w[i] - gw - uw[i]
-        square += 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
-        mixed += (k.mass * (dx * (ux[i] + 0.5 * gx) + dy * (uy[i] + 0.5 * gy))
-                  + k.inertia * dw * (uw[i] + 0.5 * gw))
+        energy[i] = 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
+        power[i] = (k.mass * (dx * (ux[i] + 0.5 * gx) + dy * (uy[i] + 0.5 * gy))
+                    + k.inertia * dw * (uw[i] + 0.5 * gw))
+    square, mixed = 0.0, 0.0
+    for i in range(n):  # a loop of its own: sums are in order, and do not vectorise
+        square += energy[i]
+        mixed += power[i]
     if square + mixed <= 1e-14 * square:
         return
     scale = max(-mixed / square, 0.0)
-    for i in range(k.n):
+    for i in range(n):
         vx[i] = ux[i] + scale * (vx[i] - im * floorx[i] - ux[i])
         vy[i] = uy[i] + scale * (vy[i] - im * floory[i] - uy[i])
         w[i] = uw[i] + scale * (w[i] - ii * floort[i] - uw[i])
     floorx[:] = 0.0
     floory[:] = 0.0
     floort[:] = 0.0
-    for i in range(m):
-        rows.pn0[i] *= scale
-        rows.pn1[i] *= scale
-        rows.pt[i] *= scale
+    r = rows.field
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            r[o + PN0 + i] *= scale
+            r[o + PN1 + i] *= scale
+            r[o + PT + i] *= scale
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v, 1, True, tolerance)
+        sweep_floor(floor, k, im, ii, c, s, v, 1, tolerance)
 
 
 @inline
-def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies, shift: Bodies,
+def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
             x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
     """Move deeply overlapping tiles apart; returns whether there were any.
 
@@ -379,53 +437,81 @@ def project(rows: Rows, m: int, k: Numbers, im: float, ii: float, v: Bodies, shi
     of the way back, never further than 2 % of the width in a substep, and other points may not
     be closed by it.  One pass: what is left is there again in the next substep.
     """
-    slop, most, small = SLOP * k.width, 0.02 * k.width, 1e-5 * k.width
-    gap0, gap1, count, want0, want1 = rows.gap0, rows.gap1, rows.points, rows.want0, rows.want1
-    vn0, vn1, seen = rows.vn0, rows.vn1, rows.seen
-    approach(rows, m, v)
-    deep = False
-    for i in range(m):
-        g0, g1 = gap0[i] + k.h * vn0[i] + slop, gap1[i] + k.h * vn1[i] + slop
-        if count[i] == 1:
-            g1 = g0
-        want0[i] = g0 if g0 > 0.0 else max(0.2 * g0, -most)
-        want1[i] = g1 if g1 > 0.0 else max(0.2 * g1, -most)
-        seen[i] = -1 if g0 < 0.0 or g1 < 0.0 else 0
-        deep = deep or seen[i] == -1
-    if not deep:
+    slop, most = SLOP * k.width, 0.02 * k.width
+    r, body, first, active = rows.field, rows.body, rows.first, rows.active
+    vx, vy, w = v.vx, v.vy, v.w
+    deep = 0
+    for block in range(first[COLOURS]):
+        gather(rows, block, vx, vy, w)
+    for block in range(first[COLOURS]):
+        o = U(block) * BLOCK
+        some = 0
+        for i in range(LANES):
+            j = o + i
+            wa, wb, count = r[j + AW], r[j + BW], r[j + COUNT]
+            along = (r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY]))
+            g0 = r[j + GAP0] + slop + k.h * (along + r[j + BN0] * wb - r[j + AN0] * wa)
+            g1 = r[j + GAP1] + slop + k.h * (along + r[j + BN1] * wb - r[j + AN1] * wa)
+            g0, g1 = (g0 if count > 0.5 else 1.0), (g1 if count > 1.5 else 1.0)
+            r[j + WANT0] = g0 if g0 > 0.0 else max(0.2 * g0, -most)
+            r[j + WANT1] = g1 if g1 > 0.0 else max(0.2 * g1, -most)
+            some += 1 if (g0 < 0.0) | (g1 < 0.0) else 0
+        deep += some
+        active[block] = some
+    if deep == 0:
         return False
-    shift.vx[:] = 0.0
-    shift.vy[:] = 0.0
-    shift.w[:] = 0.0
-    shift.moved[:] = 0
-    shift.mobile[:] = v.mobile
-    rows.pn0[:m] = 0.0
-    rows.pn1[:m] = 0.0
-    rows.pt[:m] = 0.0
-    rows.base[:m] = 0.0
-    sweep_rows(rows, m, k.n, 0.0, 0.0, im, ii, shift, small, 1)
-
-    # As a skater's spin slows when the arms go out: two free tiles that are moved apart by q
-    # along n keep their angular momentum by losing of their tangential velocity, and only lose.
-    ra, rb, nx, ny, pn0, pn1 = rows.a, rows.b, rows.nx, rows.ny, rows.pn0, rows.pn1
-    vx, vy, mobile = v.vx, v.vy, v.mobile
-    for i in range(m):
-        q = im * (pn0[i] + pn1[i])
-        if q == 0.0:
+    sx, sy, sw, moved = shift.vx, shift.vy, shift.w, shift.moved
+    sx[:] = 0.0
+    sy[:] = 0.0
+    sw[:] = 0.0
+    moved[:] = 0
+    mobile = v.mobile
+    for block in range(first[COLOURS]):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        near = active[block] > 0
+        for i in range(BODIES):
+            near |= moved[U(body[t + i])] > 0
+        if not near:
             continue
-        a, b = ra[i], rb[i]
-        ma, mb = mobile[a], mobile[b]
-        x[a] -= ma * q * nx[i]
-        y[a] -= ma * q * ny[i]
-        x[b] += mb * q * nx[i]
-        y[b] += mb * q * ny[i]
-        if ma * mb != 0.0:
-            apart = nx[i] * (x[b] - x[a]) + ny[i] * (y[b] - y[a])
-            slip = nx[i] * (vy[b] - vy[a]) - ny[i] * (vx[b] - vx[a])
-            lost = min(q / apart, 0.5) * slip
-            vx[a] -= lost * ny[i]
-            vy[a] += lost * nx[i]
-            vx[b] += lost * ny[i]
-            vy[b] -= lost * nx[i]
-    angle += shift.w
+        gather(rows, block, sx, sy, sw)
+        for i in range(LANES):
+            j = o + i
+            wa, wb = r[j + AW], r[j + BW]
+            along = (r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY]))
+            p0, p1 = two_points(along + r[j + BN0] * wb - r[j + AN0] * wa + r[j + WANT0],
+                                along + r[j + BN1] * wb - r[j + AN1] * wa + r[j + WANT1],
+                                r[j + K01], r[j + I00], r[j + I11], r[j + K00], r[j + K11],
+                                r[j + IDET])
+            one = r[j + COUNT] < 1.5
+            p0 = (max(-(along + r[j + BN0] * wb - r[j + AN0] * wa + r[j + WANT0]) * r[j + I00],
+                      0.0) if one else p0)
+            p1 = 0.0 if one else p1
+            push(r, j, per_mass, p0, p1, 0.0)
+            r[j + CHANGE] = p0 + p1
+        scatter(rows, block, sx, sy, sw)
+        for i in range(LANES):
+            q = r[o + CHANGE + i]
+            if q == 0.0:
+                continue
+            a, b = U(body[t + i]), U(body[t + LANES + i])
+            moved[a] = moved[b] = 1
+            nx, ny = r[o + NX + i], r[o + NY + i]
+            qa, qb = q * r[o + MA + i], q * r[o + MB + i]
+            x[a] -= qa * nx
+            y[a] -= qa * ny
+            x[b] += qb * nx
+            y[b] += qb * ny
+            if mobile[a] * mobile[b] != 0.0:
+                # As a skater's spin slows when the arms go out: two free tiles that are moved
+                # apart along n keep their angular momentum by losing of their tangential
+                # velocity, and only lose.
+                apart = nx * (x[b] - x[a]) + ny * (y[b] - y[a])
+                slip = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a])
+                lost = min(qa / apart, 0.5) * slip
+                vx[a] -= lost * ny
+                vy[a] += lost * nx
+                vx[b] += lost * ny
+                vy[b] -= lost * nx
+    for i in range(k.n):
+        angle[i] += sw[i]
     return True

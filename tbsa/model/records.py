@@ -6,7 +6,7 @@ A run's folder holds
     run.json        version, fingerprint of the scene, wall time, counters
     layout.npz      what each tile is and where it started
     records.npy     one structured entry a record: time and the six state arrays
-    checkpoint.npz  all that the next substep needs
+    checkpoint.npz  all that the next step needs
 
 Every file is replaced atomically, except that ``records.npy`` grows by appending: an entry
 counts once the header says so, and a resumed run cuts off what its checkpoint has not seen.
@@ -146,7 +146,7 @@ class _Writer:
 
 
 def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
-    """Write all that the next substep needs, and the counters so far; `mark`: the fingerprint.
+    """Write all that the next step needs, and the counters so far; `mark`: the fingerprint.
 
     The number of pair lists is left out: lists are work of a process, not of the run, and
     without it a resumed run ends in the same file as an uninterrupted one, byte for byte.
@@ -154,7 +154,7 @@ def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     state, impulses = simulation.state, simulation.state.impulses
     size = int(impulses.size[0])
     _write_arrays(path, {
-        "format": FORMAT, "fingerprint": mark, "substep": simulation.substep,
+        "format": FORMAT, "fingerprint": mark, "steps": simulation.steps,
         **{name: getattr(state, name)[:-1] for name in FIELDS},
         **{f"impulse_{name}": getattr(impulses, name)[:size] for name in impulses._fields[1:]},
         **{f"count_{name}": getattr(simulation.counts, name) for name in _kept(simulation)},
@@ -175,7 +175,7 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     """
     state, counts = simulation.state, simulation.counts
     names = state.impulses._fields[1:]
-    data = _read_arrays(path, ("format", "fingerprint", "substep", *FIELDS,
+    data = _read_arrays(path, ("format", "fingerprint", "steps", *FIELDS,
                                *(f"impulse_{name}" for name in names),
                                *(f"count_{name}" for name in _kept(simulation))))
     if data["format"].tolist() != FORMAT:
@@ -200,7 +200,7 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     state.impulses.size[0] = size
     for name in _kept(simulation):
         getattr(counts, name)[:] = data[f"count_{name}"]
-    simulation.substep = int(data["substep"])
+    simulation.steps = int(data["steps"])
 
 
 def read_run(folder: str | Path) -> Records:
@@ -382,14 +382,14 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
                stop: _Stop) -> Outcome:
     begin = time.perf_counter()
     scene = simulation.scene
-    every = round(scene.record.interval / simulation.h)
+    every = round(scene.record.interval / scene.solver.step)
     save_every = every * round(scene.record.checkpoint / scene.record.interval)
-    end = round(scene.run.duration / simulation.h)
+    end = round(scene.run.duration / scene.solver.step)
     path = folder / "records.npy"
     # An end off the grid of record times leaves an entry of its own; going on drops it.
-    keep = simulation.substep // every + 1 if resume else 0
+    keep = simulation.steps // every + 1 if resume else 0
     if resume:
-        _check_records(path, simulation.layout, keep, every * simulation.h)
+        _check_records(path, simulation.layout, keep, every * scene.solver.step)
     else:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -407,37 +407,37 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
                   for name, value in simulation.counts._asdict().items()}
         info = {
             "format": FORMAT, "version": _version(), "fingerprint": mark,
-            "time": simulation.time, "finished": simulation.substep >= end,
+            "time": simulation.time, "finished": simulation.steps >= end,
             "wall": earlier + time.perf_counter() - begin,
             "counts": {k: v[0] if len(v) == 1 else v for k, v in counts.items()},
         }
         write_atomically(folder / "run.json", json.dumps(info, indent=1).encode())
 
     try:
-        if not resume or (simulation.substep >= end and simulation.substep % every != 0):
+        if not resume or (simulation.steps >= end and simulation.steps % every != 0):
             records.append(simulation)
         _write_scene(folder, scene)
         save()
         chunk, stop.patient = 1, False  # the first call may have to compile for half a minute
-        while simulation.substep < end and not stop.asked:
-            ahead = min(end, (simulation.substep // every + 1) * every) - simulation.substep
+        while simulation.steps < end and not stop.asked:
+            ahead = min(end, (simulation.steps // every + 1) * every) - simulation.steps
             size = min(chunk, ahead)
             started = time.perf_counter()
             simulation.advance(size)
             stop.patient = True
             spent = max(time.perf_counter() - started, 1e-6)
             chunk = max(1, min(2 * chunk, int(size * GLANCE / spent)))
-            recorded = simulation.substep % every == 0 or simulation.substep == end
+            recorded = simulation.steps % every == 0 or simulation.steps == end
             if recorded:
                 records.append(simulation)
-            if simulation.substep % save_every == 0 and simulation.substep < end:
+            if simulation.steps % save_every == 0 and simulation.steps < end:
                 save()
             if progress is not None:
                 progress(simulation, recorded)
         save()
     finally:
         records.close()
-    return Outcome(simulation.substep >= end, simulation, time.perf_counter() - begin)
+    return Outcome(simulation.steps >= end, simulation, time.perf_counter() - begin)
 
 
 def _write_scene(folder: Path, scene: Scene) -> None:

@@ -67,8 +67,8 @@ class Simulation:
     ----------
     scene, layout
         As given.
-    substep
-        Number of substeps done.
+    steps
+        Number of steps done.
     state
         Arrays of length n + 1 (the last entry is the ground), see
         :class:`tbsa.kernels.advance.State`.
@@ -86,7 +86,7 @@ class Simulation:
         self.layout = layout = initial_layout(scene) if layout is None else layout
         n = layout.x.size
         body, magnet, wall = scene.material, scene.magnet, scene.reactor
-        self.substep = 0
+        self.steps = 0
         self.h = scene.solver.step / scene.solver.substeps
         ground = np.zeros(1)
         capacity = 16 * n + 16
@@ -97,7 +97,7 @@ class Simulation:
                            layout.vy * free, layout.omega * free)
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
-                                empty_impulses(capacity + 2 * n + 64))
+                                empty_impulses(capacity + 8 * n + 64))
         types = scene.types
         self.tiles = core.Tiles(
             np.concatenate([free, ground]),
@@ -109,7 +109,8 @@ class Simulation:
         circle = wall is not None and wall.shape == "circle"
         # Every float a float: another type would be another signature, compiled anew.
         self.numbers = Numbers(
-            n=n, width=float(body.width), h=self.h, mass=float(body.mass),
+            n=n, width=float(body.width), h=self.h, substeps=int(scene.solver.substeps),
+            mass=float(body.mass),
             inertia=float(body.mass * body.width**2 / 6.0),
             linear_damping=float(body.linear_damping),
             angular_damping=float(body.angular_damping),
@@ -132,18 +133,18 @@ class Simulation:
             )))
         self.engine, self.parameters = _engine(scene)
         # A lone tile has no pairs, and then there is no list to keep.
-        reach = max(1.42 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
-        self._reach = reach + 0.02 * body.width if n > 1 else 0.0
+        reach = max(1.6 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
+        self._reach = 1.001 * reach if n > 1 else 0.0
         self._skin = 0.5 * body.width
         self.counts = core.empty_counts()
         self._work = self._space(capacity)
 
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
-        c, sin, lastx, lasty, last_angle, fx, fy, torque = columns(n, [float] * 8)
+        c, sin, far, midx, midy, mid_angle, fx, fy, torque = columns(n + 1, [float] * 9)
         return core.Work(
-            empty_pairs(n, capacity), empty_rows(capacity + 2 * n + 64), empty_bodies(n),
-            empty_bodies(n), empty_scratch(n), c, sin, lastx, lasty, last_angle,
+            empty_pairs(n, capacity), empty_rows(n, capacity + 8 * n + 64), empty_bodies(n),
+            empty_bodies(n), empty_scratch(n), c, sin, far, midx, midy, mid_angle,
             np.zeros(n, bool), fx, fy, torque,
             empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
         )
@@ -151,7 +152,7 @@ class Simulation:
     @property
     def time(self) -> float:
         """Simulated time (s)."""
-        return self.substep * self.h
+        return self.steps * self.scene.solver.step
 
     @property
     def x(self) -> Floats:
@@ -183,27 +184,25 @@ class Simulation:
         """Spins (rad/s), float64[n]; a view."""
         return self.state.omega[:-1]
 
-    def advance(self, substeps: int) -> None:
-        """Advance by a number of substeps.
+    def advance(self, steps: int) -> None:
+        """Advance by a number of steps, each of ``scene.solver.substeps`` substeps.
 
         Raises
         ------
         SimulationError
             Where a position or velocity is no longer a finite number.
         """
-        left = substeps
+        left = steps
         while left > 0:
             error, done = core.advance(
                 self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
-                self.parameters, self._work, self.counts, self.substep, left, self._reach,
+                self.parameters, self._work, self.counts, self.steps, left, self._reach,
                 self._skin,
             )
-            self.substep += done
+            self.steps += done
             left -= done
-            if error == core.MORE_PAIRS:
+            if error in (core.MORE_PAIRS, core.MORE_ROWS):
                 self._grow()
-            elif error == core.MORE_ROWS:
-                raise SimulationError(f"more contacts than tiles can have at t = {self.time} s")
             elif error == core.NOT_FINITE:
                 raise SimulationError(
                     f"positions or velocities stopped being finite before t = {self.time} s; "
@@ -211,13 +210,13 @@ class Simulation:
                 )
 
     def run(self, seconds: float) -> None:
-        """Advance by a time (s), to the nearest substep."""
-        self.advance(round(seconds / self.h))
+        """Advance by a time (s), to the nearest step."""
+        self.advance(round(seconds / self.scene.solver.step))
 
     def _grow(self) -> None:
         capacity = 2 * self._work.pairs.other.size
         self._work = self._space(capacity)
-        old, new = self.state.impulses, empty_impulses(capacity + 2 * self.numbers.n + 64)
+        old, new = self.state.impulses, empty_impulses(capacity + 8 * self.numbers.n + 64)
         for a, b in zip(old, new, strict=True):
             b[: a.size] = a
         self.state = self.state._replace(impulses=new)
