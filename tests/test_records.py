@@ -122,7 +122,7 @@ def test_another_seed_gives_another_run(scene, whole, tmp_path):
 
 def test_how_a_run_is_cut_into_calls_does_not_matter(scene, whole, tmp_path, monkeypatch):
     step, cut = Simulation(scene), random.Random(1)
-    end = round(3.0 / step.h)
+    end = round(3.0 / scene.solver.step)
     while step.steps < end:
         step.advance(min(cut.randint(1, 60), end - step.steps))
     run = tbsa.read_run(whole)

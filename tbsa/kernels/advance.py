@@ -33,15 +33,12 @@ import numpy as np
 
 from tbsa.kernels.contacts import (
     BLOCK,
-    BODIES,
     COLOURS,
     COUNT,
     GAP0,
     GAP1,
     LANES,
     NEAR,
-    PN0,
-    PN1,
     Impulses,
     Rows,
     colour_rows,
@@ -185,12 +182,13 @@ def stopping(start: float, trial: float, bound: float) -> float:
 
 
 @inline
-def drift_back(k: Numbers, floor: FloorLaw, rows: Rows, im: float, ii: float, v: Bodies,
+def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v: Bodies,
                x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> None:
     """Take back what a tile without contact drifted after friction had stopped it.
 
     The first half of the drift went h/2 v; a tile that stops after the fraction f of the
-    substep goes f h/2 v.  Without this a stop is off by up to a h^2 / 2.
+    substep goes f h/2 v.  Without this a stop is off by up to a h^2 / 2.  `v0` are the
+    velocities before the solve.
     """
     vx, vy, w, moved = v.vx, v.vy, v.w, v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
@@ -198,19 +196,17 @@ def drift_back(k: Numbers, floor: FloorLaw, rows: Rows, im: float, ii: float, v:
     n = k.n
     some = 0
     for i in range(U(n)):
+        # Contacts have done nothing to it: the floor alone takes what it had before the solve.
+        tx, ty, tw = v0.vx[i], v0.vy[i], v0.w[i]
+        free = ((abs(floorx[i] * im + tx) <= 1e-12 * abs(tx))
+                & (abs(floory[i] * im + ty) <= 1e-12 * abs(ty)))
+        alone = abs(floort[i] * ii + tw) <= 1e-12 * abs(tw)
         stopped = (vx[i] == 0.0) & (vy[i] == 0.0) & ((startx[i] != 0.0) | (starty[i] != 0.0))
         halted = (w[i] == 0.0) & (startw[i] != 0.0)
-        moved[i] = (1 if stopped else 0) + (2 if halted else 0)
+        moved[i] = (1 if stopped & free else 0) + (2 if halted & alone else 0)
         some |= moved[i]
     if some == 0:
         return
-    r, body = rows.field, rows.body
-    for block in range(rows.first[COLOURS]):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):
-            if r[o + PN0 + i] != 0.0 or r[o + PN1 + i] != 0.0:
-                moved[U(body[t + i])] = 0
-                moved[U(body[t + LANES + i])] = 0
     for i in range(n):
         if moved[i] == 0:
             continue
@@ -362,9 +358,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 counts.passes[0] += passes if passes >= 0 else -1 - passes
                 if m > 0:
                     limit_work(rows, k, floor, im, ii, c, s, v, before, k.tolerance)
+                if floor.law != 0:
+                    drift_back(k, floor, before, im, ii, v, x, y, angle)
             counts.rows[0] += m
-            if floor.law != 0:
-                drift_back(k, floor, rows, im, ii, v, x, y, angle)
             damp(n, slow, slow_spin, v)
             drift(n, 0.5 * h, v, x, y, angle)
             if m > 0 and project(rows, k, ii / im, v, work.shift, x, y, angle):

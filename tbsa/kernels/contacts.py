@@ -56,8 +56,8 @@ FIELDS = (
     "change",                      # m/s, by which a solve changed a contact velocity
 )
 (NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, COUNT, ID0, ID1, PN0, PN1, PT, WARM0, WARM1,
- WARMT, WANT0, WANT1, BASE, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT, MA, MB, MU, E, AX, AY, AW, BX, BY,
- BW, CHANGE) = (U(i) * LANES for i in range(len(FIELDS)))
+ WARMT, WANT0, WANT1, BASE, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT, MA, MB,
+ MU, E, AX, AY, AW, BX, BY, BW, CHANGE) = (U(i) * LANES for i in range(len(FIELDS)))
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
 
@@ -110,7 +110,8 @@ def empty_rows(n: int, capacity: int) -> Rows:
         *(np.zeros(capacity, np.int64) for _ in range(4)),
         field[shift : shift + blocks * int(BLOCK)], np.zeros(blocks * int(BODIES), np.int64),
         np.zeros(COLOURS + 1, np.int64), *(np.zeros(blocks, np.int64) for _ in range(4)),
-        *(np.zeros(capacity, np.int64) for _ in range(3)), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(1, np.int64))
+        *(np.zeros(capacity, np.int64) for _ in range(3)), np.zeros(n + 1, np.int64),
+        np.zeros(COLOURS, np.int64), np.zeros(1, np.int64))
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -323,7 +324,8 @@ def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
     k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
     or in a row of one point by a unit of friction; ktt: the same for friction; i: inverses, and
     idet that of the 2 x 2 problem, not a number where it has none.  `per_mass` is m/I.  A point
-    hits if it closes within h, faster than the threshold.
+    hits if it closes within h, faster than the threshold, and has not been in contact: points
+    that are pressed together approach by what the last solve left, and leave it to the next.
     """
     r, hits = rows.field, rows.hits
     struck = 0
@@ -356,8 +358,10 @@ def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
             none = count == 0.0
             r[o + WANT0 + i] = NEVER if none else max(gap0, 0.0) / h
             r[o + WANT1 + i] = NEVER if none else max(gap1, 0.0) / h
-            hit0 = (count > 0.5) & (vn0 < -threshold) & (gap0 + h * vn0 < 0.0)
-            hit1 = two & (vn1 < -threshold) & (gap1 + h * vn1 < 0.0)
+            hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * vn0 < 0.0)
+                    & (r[o + WARM0 + i] == 0.0))
+            hit1 = (two & (vn1 < -threshold) & (gap1 + h * vn1 < 0.0)
+                    & (r[o + WARM1 + i] == 0.0))
             r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
             some += (1 if hit0 else 0) + (1 if hit1 else 0)
         hits[block] = some

@@ -132,6 +132,24 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
 
 
 @inline
+def find_islands(rows: Rows, n: int, island: np.ndarray, mobile: np.ndarray) -> None:
+    """Tiles between which an impulse has passed in this phase: the same root in `island`."""
+    r, body, seen = rows.field, rows.body, rows.seen
+    for i in range(n + 1):
+        island[i] = i
+    for block in range(rows.first[COLOURS]):
+        if seen[block] <= 0:
+            continue  # not solved
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):
+            some = (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) | (r[o + PT + i] != 0.0)
+            a, b = body[t + i], body[t + LANES + i]
+            if (some | (r[o + BASE + i] != 0.0)) and mobile[a] * mobile[b] != 0.0:
+                p, q = root(island, a), root(island, b)
+                island[max(p, q)] = min(p, q)
+
+
+@inline
 def limit_energy(k: Numbers, island: np.ndarray, v: Bodies, ux: np.ndarray, uy: np.ndarray,
                  uw: np.ndarray, most: np.ndarray, energy: np.ndarray,
                  mixed: np.ndarray) -> None:
@@ -207,16 +225,6 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
                 seen[block] = -1  # to be solved first
     if not together:
         return False
-    for i in range(k.n + 1):
-        island[i] = i
-    for block in range(blocks):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):
-            a, b = body[t + i], body[t + LANES + i]
-            if r[o + COUNT + i] != 0.0 and mobile[a] * mobile[b] != 0.0:
-                p, q = root(island, a), root(island, b)
-                island[max(p, q)] = min(p, q)
-
     # Compression: an inelastic contact problem; what hits closes its gap now.
     # What ten times the tolerance leaves is closed by the contact solve that follows.
     rough = 10.0 * k.tolerance
@@ -234,6 +242,7 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
             r[o + WANT0 + i], r[o + WANT1 + i] = NEVER if none else want0, NEVER if none else want1
             r[o + PN0 + i] = r[o + PN1 + i] = r[o + PT + i] = r[o + BASE + i] = 0.0
     relax(rows, m, k, floor, im, ii, c, s, v, rough)
+    find_islands(rows, k.n, island, mobile)
     limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
 
     # Decompression: at least e times the normal impulse of compression comes back.
@@ -260,5 +269,6 @@ def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: n
             for i in range(LANES):
                 r[o + PN0 + i] = r[o + PN1 + i] = 0.0
         relax(rows, m, k, floor, im, ii, c, s, v, rough)
+        find_islands(rows, k.n, island, mobile)
         limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
     return True

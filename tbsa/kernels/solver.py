@@ -258,19 +258,23 @@ def solve_mixed(r: np.ndarray, block: int, per_mass: float) -> None:
 
 @inline
 def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
-    """Apply the impulses that the rows carry."""
-    r, first = rows.field, rows.first
+    """Apply the impulses of the blocks that are marked -1 in ``rows.seen``."""
+    r, first, seen, active = rows.field, rows.first, rows.seen, rows.active
     vx, vy, w = v.vx, v.vy, v.w
     for colour in range(COLOURS):
+        m = 0
         for block in range(first[colour], first[colour + 1]):
-            gather(rows, block, vx, vy, w)
-        for block in range(first[colour], first[colour + 1]):
-            o = U(block) * BLOCK
+            active[m] = block
+            m += seen[block] == -1
+        for j in range(m):
+            gather(rows, active[j], vx, vy, w)
+        for j in range(m):
+            o = U(active[j]) * BLOCK
             for i in range(LANES):
                 k = o + i
                 push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
-        for block in range(first[colour], first[colour + 1]):
-            scatter(rows, block, vx, vy, w)
+        for j in range(m):
+            scatter(rows, active[j], vx, vy, w)
 
 
 @inline
@@ -433,16 +437,16 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     """Move deeply overlapping tiles apart; returns whether there were any.
 
     The velocity solve does not push apart what overlaps, so that it never adds energy; a
-    solved scene does not need this.  Points overlapping by more than a slop are moved a fifth
-    of the way back, never further than 2 % of the width in a substep, and other points may not
-    be closed by it.  One pass: what is left is there again in the next substep.
+    solved scene does not need this.  Points that overlapped by more than a slop in the middle of
+    the substep are moved a fifth of the way back, never further than 2 % of the width, and other
+    points may not be closed by it.  One pass: what is left is there again in the next substep.
     """
     slop, most = SLOP * k.width, 0.02 * k.width
     r, body, first, active = rows.field, rows.body, rows.first, rows.active
-    vx, vy, w = v.vx, v.vy, v.w
+    vx, vy = v.vx, v.vy
     deep = 0
     for block in range(first[COLOURS]):
-        gather(rows, block, vx, vy, w)
+        gather(rows, block, vx, vy, v.w)
     for block in range(first[COLOURS]):
         o = U(block) * BLOCK
         some = 0
