@@ -46,7 +46,6 @@ from tbsa.kernels.contacts import (
     place_rows,
     recall,
     remember,
-    restore_rows,
     weigh,
 )
 from tbsa.kernels.floor import EXACT
@@ -298,7 +297,6 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     vx, vy, w = v.vx, v.vy, v.w
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
-    no_floor = FloorLaw(0, 0.0, 0.0)
     contacts = reach > 0.0 or k.wall != 0
     far, slack = work.far, 0.5 * (reach - 1.41422 * k.width)
     work.midx[:] = np.nan  # nothing is known yet
@@ -344,8 +342,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 note_overlap(rows, k.width, counts)
                 if struck > 0:
                     counts.impacts[0] += struck
-                    if impacts(rows, m, k, no_floor, c, s, v, work.scratch):
-                        restore_rows(rows, h)
+                    impacts(rows, k, v, work.scratch)
             else:
                 counts.overlap[0] += 1
             kick(k, work.fx, work.fy, work.torque, v)

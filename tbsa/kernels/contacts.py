@@ -83,6 +83,8 @@ class Rows(NamedTuple):
     new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
     new_b: np.ndarray
     new_corner: np.ndarray
+    start: np.ndarray  # int64[n + 2], where the rows of every body begin in ...
+    of: np.ndarray  # int64, the rows of every mobile tile, each as 8 block + lane
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     size: np.ndarray  # int64[1], rows
@@ -110,7 +112,8 @@ def empty_rows(n: int, capacity: int) -> Rows:
         *(np.zeros(capacity, np.int64) for _ in range(4)),
         field[shift : shift + blocks * int(BLOCK)], np.zeros(blocks * int(BODIES), np.int64),
         np.zeros(COLOURS + 1, np.int64), *(np.zeros(blocks, np.int64) for _ in range(4)),
-        *(np.zeros(capacity, np.int64) for _ in range(3)), np.zeros(n + 1, np.int64),
+        *(np.zeros(capacity, np.int64) for _ in range(3)), np.zeros(n + 2, np.int64),
+        np.zeros(2 * capacity, np.int64), np.zeros(n + 1, np.int64),
         np.zeros(COLOURS, np.int64), np.zeros(1, np.int64))
 
 
@@ -230,6 +233,14 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
     for q in range(COLOURS):
         first[q + 1] = first[q] + (fill[q] if q == last else (fill[q] + 7) // 8)
         fill[q] = 0
+    start, of = rows.start, rows.of
+    start[:] = 0
+    for i in range(m):
+        start[ra[i] + 1] += 1
+        start[rb[i] + 1] += 1
+    for i in range(n):
+        start[i + 1] = start[i] + (start[i + 1] if mobile[i] != 0.0 else 0)
+        used[i] = start[i]
     field[: U(first[COLOURS]) * BLOCK] = 0.0
     body[: U(first[COLOURS]) * BODIES] = n
     for i in range(m):
@@ -241,6 +252,12 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
         a, b = ra[i], rb[i]
         lane_a = U(block) * BODIES + U(at)
         body[lane_a], body[lane_a + LANES] = a, b
+        if mobile[a] != 0.0:
+            of[used[a]] = 8 * block + at
+            used[a] += 1
+        if b != n and mobile[b] != 0.0:
+            of[used[b]] = 8 * block + at
+            used[b] += 1
         k = U(block) * BLOCK + U(at)
         slot[i] = k
         field[k + MA], field[k + MB] = im * mobile[a], im * mobile[b]
@@ -367,21 +384,6 @@ def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
         hits[block] = some
         struck += some
     return struck
-
-
-@inline
-def restore_rows(rows: Rows, h: float) -> None:
-    """The rows as `place_rows` and `weigh` left them, after impacts have used them."""
-    r = rows.field
-    for block in range(rows.first[COLOURS]):
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            k = o + i
-            none = r[k + COUNT] == 0.0
-            r[k + PN0], r[k + PN1], r[k + PT] = r[k + WARM0], r[k + WARM1], r[k + WARMT]
-            r[k + BASE] = 0.0
-            r[k + WANT0] = NEVER if none else max(r[k + GAP0], 0.0) / h
-            r[k + WANT1] = NEVER if none else max(r[k + GAP1], 0.0) / h
 
 
 @inline

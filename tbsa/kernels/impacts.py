@@ -20,12 +20,19 @@ from tbsa.kernels.contacts import (
     AN0,
     AN1,
     AT,
+    AW,
+    AX,
+    AY,
     BASE,
     BLOCK,
     BN0,
     BN1,
     BODIES,
     BT,
+    BW,
+    BX,
+    BY,
+    CHANGE,
     COLOURS,
     COUNT,
     GAP0,
@@ -37,8 +44,9 @@ from tbsa.kernels.contacts import (
     K11,
     KTT,
     LANES,
+    MA,
+    MB,
     MU,
-    NEVER,
     NX,
     NY,
     PN0,
@@ -48,34 +56,45 @@ from tbsa.kernels.contacts import (
     VN1,
     WANT0,
     WANT1,
+    WARM0,
+    WARM1,
+    WARMT,
     E,
     Rows,
 )
 from tbsa.kernels.jit import U, columns, inline
 from tbsa.kernels.routh import routh
-from tbsa.kernels.solver import Bodies, FloorLaw, Numbers, apply_impulses, relax
+from tbsa.kernels.solver import Bodies, Numbers, solve_mixed
 
 # Points nearer than this fraction of the width take part in an impact of their tiles.
 TOUCHING = 1e-3
 
 
 class Scratch(NamedTuple):
-    """Scratch of the impacts, one entry a body."""
+    """Scratch of the impacts, by rows (8 block + lane) and by bodies."""
 
-    island: np.ndarray  # int64, union-find over touching tiles
-    near: np.ndarray  # int64, touching manifolds of a body
+    known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
+    rows: np.ndarray  # int64, the rows that take part
+    now: np.ndarray  # int64, rows of this pass, and ...
+    then: np.ndarray  # int64, ... of the next
+    in_it: np.ndarray  # int64[n], whether a tile takes part
+    tiles: np.ndarray  # int64, the tiles that do
+    island: np.ndarray  # int64, union-find over them
     ux: np.ndarray  # velocities before a phase
     uy: np.ndarray
     uw: np.ndarray
     most: np.ndarray  # J, energy that an island may have
     energy: np.ndarray
     mixed: np.ndarray
+    size: np.ndarray  # int64[2], rows and tiles that take part
 
 
-def empty_scratch(n: int) -> Scratch:
-    """Scratch of `n` tiles and the ground."""
-    whole = {"island", "near"}
-    return Scratch(*columns(n + 1, [int if f in whole else float for f in Scratch._fields]))
+def empty_scratch(n: int, blocks: int) -> Scratch:
+    """Scratch of `n` tiles and of `blocks` blocks of rows."""
+    lanes = [np.zeros(8 * blocks, np.int64) for _ in range(4)]
+    whole = {"in_it", "tiles", "island"}
+    bodies = columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-1]])
+    return Scratch(*lanes, *bodies, np.zeros(2, np.int64))
 
 
 @inline
@@ -132,143 +151,211 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
 
 
 @inline
-def find_islands(rows: Rows, n: int, island: np.ndarray, mobile: np.ndarray) -> None:
-    """Tiles between which an impulse has passed in this phase: the same root in `island`."""
-    r, body, seen = rows.field, rows.body, rows.seen
-    for i in range(n + 1):
-        island[i] = i
-    for block in range(rows.first[COLOURS]):
-        if seen[block] <= 0:
-            continue  # not solved
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):
-            some = (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) | (r[o + PT + i] != 0.0)
-            a, b = body[t + i], body[t + LANES + i]
-            if (some | (r[o + BASE + i] != 0.0)) and mobile[a] * mobile[b] != 0.0:
-                p, q = root(island, a), root(island, b)
-                island[max(p, q)] = min(p, q)
+def enter(rows: Rows, q: int, h: float, mobile: np.ndarray, v: Bodies, z: Scratch) -> None:
+    """Let row q take part in the impact: without impulses, and its gap may close if it hits."""
+    r, body = rows.field, rows.body
+    k, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+    z.rows[z.size[0]] = q
+    z.size[0] += 1
+    hit = r[k + HIT]
+    r[k + WANT0] = 0.0 if hit == 1.0 or hit == 3.0 else max(r[k + GAP0], 0.0) / h
+    r[k + WANT1] = 0.0 if hit >= 2.0 else max(r[k + GAP1], 0.0) / h
+    r[k + PN0] = r[k + PN1] = r[k + PT] = r[k + BASE] = 0.0
+    for i in (body[t], body[t + LANES]):
+        if mobile[i] != 0.0 and z.in_it[i] == 0:
+            z.in_it[i] = 1
+            z.tiles[z.size[1]] = i
+            z.size[1] += 1
+            z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
 
 
 @inline
-def limit_energy(k: Numbers, island: np.ndarray, v: Bodies, ux: np.ndarray, uy: np.ndarray,
-                 uw: np.ndarray, most: np.ndarray, energy: np.ndarray,
-                 mixed: np.ndarray) -> None:
-    """Draw each island's velocities back towards (ux, uy, uw) until its energy is <= `most`.
+def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size: int) -> None:
+    """Solve the `size` rows in ``z.now``, and on what they move, for as many passes as a solve.
 
-    Along that line the energy is a parabola, below `most` at the end u; impulses keep their
-    place on the line, so momentum is kept and neither cone nor non-penetration is left.
-    `energy`, `mixed` are scratch.
+    What ten times the tolerance leaves is closed by the contact solve that follows.
+    """
+    r, body, start, of = rows.field, rows.body, rows.start, rows.of
+    vx, vy, w, mobile, known = v.vx, v.vy, v.w, v.mobile, z.known
+    now, then, rough = z.now, z.then, 10.0 * k.tolerance
+    for _ in range(k.passes):
+        m = 0
+        for j in range(size):
+            q = now[j]
+            known[q] = 1
+            i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+            a, b = U(body[t]), U(body[t + LANES])
+            r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
+            r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
+            solve_mixed(r, i, 1, per_mass)
+            vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
+            vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
+            if r[i + CHANGE] <= rough:
+                continue
+            for tile in (body[t], body[t + LANES]):
+                if mobile[tile] == 0.0:
+                    continue
+                for p in range(start[tile], start[tile + 1]):
+                    other = of[p]
+                    if known[other] == 2 or r[U(other // 8) * BLOCK + U(other % 8) + COUNT] == 0.0:
+                        continue
+                    if known[other] == 0:
+                        enter(rows, other, k.h, mobile, v, z)
+                    known[other] = 2
+                    then[m] = other
+                    m += 1
+        if m == 0:
+            break
+        for j in range(m):
+            now[j] = then[j]
+        size = m
+    for j in range(size):
+        known[now[j]] = 1
+
+
+@inline
+def limit_energy(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
+    """Draw each island's velocities back towards u until its energy is no more than `most`.
+
+    An island are tiles between which an impulse has passed.  Along that line the energy is a
+    parabola, below `most` at the end u; impulses keep their place on the line, so momentum is
+    kept and neither cone nor non-penetration is left.
     """
     m, inertia = k.mass, k.inertia
-    vx, vy, w = v.vx, v.vy, v.w
-    for i in range(k.n):
+    vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
+    ux, uy, uw, most, energy, mixed, island = z.ux, z.uy, z.uw, z.most, z.energy, z.mixed, z.island
+    r, body = rows.field, rows.body
+    for j in range(z.size[1]):
+        island[z.tiles[j]] = z.tiles[j]
+    for j in range(z.size[0]):
+        q = z.rows[j]
+        i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+        a, b = body[t], body[t + LANES]
+        if mobile[a] * mobile[b] != 0.0 and (r[i + PN0] != 0.0 or r[i + PN1] != 0.0
+                                             or r[i + PT] != 0.0 or r[i + BASE] != 0.0):
+            p, q = root(island, a), root(island, b)
+            island[max(p, q)] = min(p, q)
+    for j in range(z.size[1]):
+        i = z.tiles[j]
         energy[i] = mixed[i] = 0.0
-    for i in range(k.n):
-        dx, dy, dw = vx[i] - ux[i], vy[i] - uy[i], w[i] - uw[i]
         most[i] -= 0.5 * (m * (ux[i] * ux[i] + uy[i] * uy[i]) + inertia * uw[i] * uw[i])
-        if most[i] == 0.0 and dx == 0.0 and dy == 0.0 and dw == 0.0:
-            continue  # no part of any impact
-        r = root(island, i)
-        energy[r] += 0.5 * (m * (dx * dx + dy * dy) + inertia * dw * dw)
-        mixed[r] += m * (dx * ux[i] + dy * uy[i]) + inertia * dw * uw[i]
-        if r != i:
-            most[r] += most[i]
-            most[i] = 0.0
-    for i in range(k.n):
+    for j in range(z.size[1]):
+        i = z.tiles[j]
         dx, dy, dw = vx[i] - ux[i], vy[i] - uy[i], w[i] - uw[i]
-        if dx == 0.0 and dy == 0.0 and dw == 0.0:
+        p = root(island, i)
+        energy[p] += 0.5 * (m * (dx * dx + dy * dy) + inertia * dw * dw)
+        mixed[p] += m * (dx * ux[i] + dy * uy[i]) + inertia * dw * uw[i]
+        if p != i:
+            most[p] += most[i]
+    for j in range(z.size[1]):
+        i = z.tiles[j]
+        p = root(island, i)
+        room = max(most[p], 0.0)
+        if energy[p] + mixed[p] <= room:  # energy s^2 + mixed s <= room at the whole way, s = 1
             continue
-        r = root(island, i)
-        room = max(most[r], 0.0)
-        if energy[r] + mixed[r] <= room:  # energy s^2 + mixed s <= room at the whole way, s = 1
-            continue
-        q = math.sqrt(mixed[r] * mixed[r] + 4.0 * energy[r] * room)
-        step = min(max((q - mixed[r]) / (2.0 * energy[r]), 0.0), 1.0)
-        vx[i], vy[i], w[i] = ux[i] + step * dx, uy[i] + step * dy, uw[i] + step * dw
+        d = math.sqrt(mixed[p] * mixed[p] + 4.0 * energy[p] * room)
+        step = min(max((d - mixed[p]) / (2.0 * energy[p]), 0.0), 1.0)
+        vx[i] = ux[i] + step * (vx[i] - ux[i])
+        vy[i] = uy[i] + step * (vy[i] - uy[i])
+        w[i] = uw[i] + step * (w[i] - uw[i])
 
 
 @inline
-def impacts(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray,
-            v: Bodies, scratch: Scratch) -> bool:
+def note_energy(k: Numbers, vx: np.ndarray, vy: np.ndarray, w: np.ndarray, z: Scratch) -> None:
+    """The energy that each tile of the impact may have: that of these velocities."""
+    for j in range(z.size[1]):
+        i = z.tiles[j]
+        z.most[i] = 0.5 * (k.mass * (vx[i] * vx[i] + vy[i] * vy[i]) + k.inertia * w[i] * w[i])
+
+
+@inline
+def touching_rows(rows: Rows, tile: int, near: float) -> int:
+    """Rows of a tile that hit, or touch to `near`."""
+    r, m = rows.field, 0
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        k = U(rows.of[p] // 8) * BLOCK + U(rows.of[p] % 8)
+        close = r[k + HIT] != 0.0 or min(r[k + GAP0], r[k + GAP1]) < near
+        m += 1 if close and r[k + COUNT] != 0.0 else 0
+    return m
+
+
+@inline
+def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
     """Impulses of everything that hits in this substep, as marked in ``hit``.
 
-    `floor` must be the law 0: dry friction of the floor is a finite force and does nothing in
-    an impact.  Returns whether rows have been used, which then have to be restored.
+    The floor's dry friction is a finite force and does nothing in an impact.  Only the rows that
+    the impact reaches are looked at; they are left as they were.
     """
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
-    r, body, hits, seen, mobile = rows.field, rows.body, rows.hits, rows.seen, v.mobile
-    blocks = rows.first[COLOURS]
-    island, near = scratch.island, scratch.near
-    near[:] = 0
+    r, body, hits, mobile = rows.field, rows.body, rows.hits, v.mobile
     touching = TOUCHING * k.width
-    for block in range(blocks):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):
-            close = (r[o + HIT + i] != 0.0) | (min(r[o + GAP0 + i], r[o + GAP1 + i]) < touching)
-            one = 1 if close & (r[o + COUNT + i] != 0.0) else 0
-            near[U(body[t + i])] += one
-            near[U(body[t + LANES + i])] += one
-
-    together = False
-    for block in range(blocks):
-        seen[block] = 0
+    size = 0
+    z.size[:] = 0
+    for block in range(rows.first[COLOURS]):
         if hits[block] == 0:
             continue
-        t = U(block) * BODIES
+        o, t = U(block) * BLOCK, U(block) * BODIES
         for i in range(LANES):
-            if r[U(block) * BLOCK + HIT + i] == 0.0:
+            if r[o + HIT + i] == 0.0:
                 continue
-            a, b = U(body[t + i]), U(body[t + LANES + i])
-            alone = (mobile[a] == 0.0 or near[a] == 1) and (mobile[b] == 0.0 or near[b] == 1)
+            a, b = body[t + i], body[t + LANES + i]
+            alone = ((mobile[a] == 0.0 or touching_rows(rows, a, touching) == 1)
+                     and (mobile[b] == 0.0 or touching_rows(rows, b, touching) == 1))
             if not (alone and lone_impact(rows, block, i, k, im, ii, v)):
-                together = True
-                seen[block] = -1  # to be solved first
-    if not together:
-        return False
+                z.now[size] = 8 * block + int(i)
+                size += 1
+    if size == 0:
+        return
+    for j in range(size):
+        enter(rows, z.now[j], k.h, mobile, v, z)
+        z.known[z.now[j]] = 2
+
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    # What ten times the tolerance leaves is closed by the contact solve that follows.
-    rough = 10.0 * k.tolerance
-    ux, uy, uw, most = scratch.ux, scratch.uy, scratch.uw, scratch.most
-    for i in range(k.n):
-        ux[i], uy[i], uw[i] = v.vx[i], v.vy[i], v.w[i]
-        most[i] = 0.5 * (k.mass * (ux[i] * ux[i] + uy[i] * uy[i]) + k.inertia * uw[i] * uw[i])
-    for block in range(blocks):
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            hit, none = r[o + HIT + i], r[o + COUNT + i] == 0.0
-            want0, want1 = max(r[o + GAP0 + i], 0.0) / k.h, max(r[o + GAP1 + i], 0.0) / k.h
-            want0 = 0.0 if (hit == 1.0) | (hit == 3.0) else want0
-            want1 = 0.0 if hit >= 2.0 else want1
-            r[o + WANT0 + i], r[o + WANT1 + i] = NEVER if none else want0, NEVER if none else want1
-            r[o + PN0 + i] = r[o + PN1 + i] = r[o + PT + i] = r[o + BASE + i] = 0.0
-    relax(rows, m, k, floor, im, ii, c, s, v, rough)
-    find_islands(rows, k.n, island, mobile)
-    limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
+    settle(rows, k, ii / im, v, z, size)
+    note_energy(k, z.ux, z.uy, z.uw, z)
+    limit_energy(rows, k, v, z)
 
     # Decompression: at least e times the normal impulse of compression comes back.
-    for i in range(k.n):
-        most[i] = 0.5 * (k.mass * (ux[i] * ux[i] + uy[i] * uy[i]) + k.inertia * uw[i] * uw[i])
-        ux[i], uy[i], uw[i] = v.vx[i], v.vy[i], v.w[i]
-    back = False
-    for block in range(blocks):
-        o = U(block) * BLOCK
-        some = False
-        for i in range(LANES):
-            e, p0, p1 = r[o + E + i], r[o + PN0 + i], r[o + PN1 + i]
-            p0 = e * p0 if p0 * r[o + K00 + i] > k.threshold else 0.0
-            p1 = e * p1 if p1 * r[o + K11 + i] > k.threshold else 0.0
-            r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, 0.0
-            r[o + BASE + i] = p0 + p1
-            some |= p0 + p1 > 0.0
-        seen[block] = -1 if some else 0
-        back |= some
-    if back:
-        apply_impulses(rows, ii / im, v)
-        for block in range(blocks):
-            o = U(block) * BLOCK
-            for i in range(LANES):
-                r[o + PN0 + i] = r[o + PN1 + i] = 0.0
-        relax(rows, m, k, floor, im, ii, c, s, v, rough)
-        find_islands(rows, k.n, island, mobile)
-        limit_energy(k, island, v, ux, uy, uw, most, scratch.energy, scratch.mixed)
-    return True
+    note_energy(k, z.ux, z.uy, z.uw, z)
+    for j in range(z.size[1]):
+        i = z.tiles[j]
+        z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
+    size = 0
+    for j in range(z.size[0]):
+        q = z.rows[j]
+        i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+        e, p0, p1 = r[i + E], r[i + PN0], r[i + PN1]
+        p0 = e * p0 if p0 * r[i + K00] > k.threshold else 0.0
+        p1 = e * p1 if p1 * r[i + K11] > k.threshold else 0.0
+        r[i + PN0] = r[i + PN1] = r[i + PT] = 0.0
+        r[i + BASE] = p0 + p1
+        if p0 + p1 > 0.0:
+            a, b = U(body[t]), U(body[t + LANES])
+            nx, ny, ma, mb = r[i + NX], r[i + NY], r[i + MA], r[i + MB]
+            v.vx[a] -= ma * nx * (p0 + p1)
+            v.vy[a] -= ma * ny * (p0 + p1)
+            v.w[a] -= ii / im * ma * (r[i + AN0] * p0 + r[i + AN1] * p1)
+            v.vx[b] += mb * nx * (p0 + p1)
+            v.vy[b] += mb * ny * (p0 + p1)
+            v.w[b] += ii / im * mb * (r[i + BN0] * p0 + r[i + BN1] * p1)
+            z.known[q] = 2
+            z.now[size] = q
+            size += 1
+    if size > 0:
+        before = z.size[1]
+        settle(rows, k, ii / im, v, z, size)
+        for j in range(before, z.size[1]):  # tiles that only this phase has reached
+            i = z.tiles[j]
+            z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
+                               + k.inertia * z.uw[i] * z.uw[i])
+        limit_energy(rows, k, v, z)
+
+    for j in range(z.size[0]):
+        q = z.rows[j]
+        i = U(q // 8) * BLOCK + U(q % 8)
+        z.known[q] = 0
+        r[i + PN0], r[i + PN1], r[i + PT] = r[i + WARM0], r[i + WARM1], r[i + WARMT]
+        r[i + BASE] = 0.0
+        r[i + WANT0], r[i + WANT1] = max(r[i + GAP0], 0.0) / k.h, max(r[i + GAP1], 0.0) / k.h
+    for j in range(z.size[1]):
+        z.in_it[z.tiles[j]] = 0

@@ -198,6 +198,8 @@ def push(r: np.ndarray, k: int, per_mass: float, d0: float, d1: float, dt: float
     r[k + BW] += per_mass * mb * (r[k + BN0] * d0 + r[k + BN1] * d1 + r[k + BT] * dt)
 
 
+# The lanes' code stands in these loops themselves: LLVM unrolls a short loop over a call, and
+# then makes no vectors of it.
 @inline
 def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
     """Solve a block of manifolds of two points: their friction, then their normal impulses."""
@@ -226,11 +228,10 @@ def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
 
 
 @inline
-def solve_mixed(r: np.ndarray, block: int, per_mass: float) -> None:
-    """Solve a block of manifolds of one and of two points."""
-    o = U(block) * BLOCK
-    for i in range(LANES):
-        k = o + i
+def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
+    """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on."""
+    for i in range(U(lanes)):
+        k = U(first) + i
         nx, ny, wa, wb = r[k + NX], r[k + NY], r[k + AW], r[k + BW]
         dvx, dvy = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY]
         an0, bn0, an1, bn1 = r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1]
@@ -307,7 +308,7 @@ def sweep_rows(rows: Rows, per_mass: float, v: Bodies, tolerance: float, clock: 
             if single[active[j]] == 0:
                 solve_pairs(r, active[j], per_mass)
             else:
-                solve_mixed(r, active[j], per_mass)
+                solve_mixed(r, U(active[j]) * BLOCK, LANES, per_mass)
         for j in range(m):
             block = active[j]
             scatter(rows, block, vx, vy, w)

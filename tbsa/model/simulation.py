@@ -142,9 +142,10 @@ class Simulation:
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
         c, sin, far, midx, midy, mid_angle, fx, fy, torque = columns(n + 1, [float] * 9)
+        rows = empty_rows(n, capacity + 8 * n + 64)
         return core.Work(
-            empty_pairs(n, capacity), empty_rows(n, capacity + 8 * n + 64), empty_bodies(n),
-            empty_bodies(n), empty_scratch(n), c, sin, far, midx, midy, mid_angle,
+            empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
+            empty_scratch(n, rows.seen.size), c, sin, far, midx, midy, mid_angle,
             np.zeros(n, bool), fx, fy, torque,
             empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
         )
