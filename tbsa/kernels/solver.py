@@ -376,7 +376,8 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
         sweep_floor(floor, k, im, ii, c, s, v, clock, tolerance)
     done = -1 - k.passes
     for p in range(k.passes):
-        worst, clock = sweep_rows(rows, ii / im, v, tolerance, clock, p % 2 == 0)
+        worst, clock = sweep_rows(rows, ii / im, v, tolerance, clock,
+                                  p < 4 or p % 2 == 0)
         if worst <= tolerance:
             done = p + 1
             break
