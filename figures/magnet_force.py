@@ -43,8 +43,8 @@ def make() -> Figure:
             ("0.18 N cm$^2$, 0.64 cm", 1.5, 0.055, BLUE, "left"),
             (f"uncut {apart:.4f} N", 3.02, 0.0165, BLUE, "left"),
             ("cut off", 2.3, 0.0075, BLUE, "left"),
-            (f"real cylinders, {1000 * height:.0f} mm high,\ndiameter in mm", 0.75, 2.0, "#606060",
-             "left")):
+            (f"cylinders of {POLARISATION:g} T,\n{1000 * height:.0f} mm high, diameter in mm",
+             0.75, 2.0, "#606060", "left")):
         ax.text(x, y, text, color=colour, fontsize=7, ha=side)
     ax.set(xlabel="distance of the magnets' centres (cm)", ylabel="force (N)", yscale="log",
            xlim=(0, 4), ylim=(1e-3, 10))

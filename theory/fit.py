@@ -501,17 +501,18 @@ def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
     q, _ = np.linalg.qr(fit.jacobian * fit.unit[fit.free])
     drawn = fit.weight * fit.residuals / np.sqrt(np.maximum(1 - np.sum(q**2, axis=1), 1e-12))
     drawn -= drawn.mean()
-    mean, error = fit.predict(fit.distance), fit.errors
+    mean, use = fit.predict(fit.distance), fit.free
+    value, error = fit.values[use], fit.errors[use]
     pivots = []
     for _ in range(number):
         again = _solve(replace(fit, force=mean + rng.choice(drawn, drawn.size) / fit.weight))
+        spread = error if fit.absolute else again.errors[use]
         with np.errstate(divide="ignore", invalid="ignore"):
-            pivots.append((again.values - fit.values) / (again.errors if not fit.absolute
-                                                         else error))
+            pivots.append((again.values[use] - value) / spread)
     ends = np.nanquantile(pivots, [0.5 + 0.5 * level, 0.5 - 0.5 * level], axis=0)
-    made = np.clip(fit.values - ends * error, fit.low, fit.high)
-    return {name: (float(made[0, k]), float(made[1, k]))
-            for k, name in enumerate(fit.model.names) if fit.free[k]}
+    low, high = np.clip(value - ends * error, fit.low[use], fit.high[use])
+    names = [name for name, free in zip(fit.model.names, use, strict=True) if free]
+    return {name: (float(low[k]), float(high[k])) for k, name in enumerate(names)}
 
 
 # ---------------------------------------------------------------------------------------------

@@ -65,8 +65,8 @@ def coaxial_cylinders(distance: ArrayLike, radius: float, height: float | tuple[
     if np.any(gap < -1e-12 * h.mean()):
         raise ValueError(f"distance must be at least the mean height, {h.mean():g} m")
     gap = np.maximum(gap, 0.0)
-    s = (discs(gap / radius) - discs((gap + h[0]) / radius) - discs((gap + h[1]) / radius)
-         + discs((gap + h.sum()) / radius))
+    ends = np.array([0.0, h[0], h[1], h.sum()])  # from pole to pole, beyond the gap
+    s = discs((gap[..., None] + ends) / radius) @ np.array([1.0, -1.0, -1.0, 1.0])
     return np.asarray(np.pi * radius**2 * polarisation**2 / mu_0 * s)
 
 
@@ -100,7 +100,10 @@ def parallel_cuboids(distance: ArrayLike, size_a: ArrayLike, size_b: ArrayLike,
     u, v, w = np.moveaxis(corner, -1, 0)
     r = np.sqrt(u * u + v * v + w * w)
     log_u, log_v = _log(r, u, v * v + w * w), _log(r, v, u * u + w * w)
-    angle = np.arctan2(np.where(w < 0, -u, u) * v, r * np.abs(w))  # atan(u v/(r w))
+    # atan(u v/(r w)).  It jumps where two faces touch: the bodies then are on either side.
+    touch = np.abs(w) <= 1e-12 * (half_a[2] + half_b[2])
+    side = np.where(touch, d[..., 2, None], w) < 0
+    angle = np.arctan2(np.where(side, -u, u) * v, r * np.where(touch, 0.0, np.abs(w)))
     parts = np.stack((
         0.5 * (v * v - w * w) * log_u + u * v * log_v + v * w * angle + 0.5 * r * u,
         0.5 * (u * u - w * w) * log_v + u * v * log_u + u * w * angle + 0.5 * r * v,

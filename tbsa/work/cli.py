@@ -258,8 +258,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
     if folder.exists() and not folder.is_dir():
         raise InputError("must be a folder", field="--out", value=str(folder))
-    files = {folder / "fit.png": fit.picture(result)}
-    refusal = ""
+    files, refusal = {}, ""
     if arguments.scene is not None:
         files[arguments.scene] = fit.into(arguments.scene, result)
     if arguments.model == "law":
@@ -268,9 +267,12 @@ def _fit(arguments: argparse.Namespace) -> int:
         except InputError as error:
             refusal = f"warning: a scene does not take this law: {error}"
     text = fit.describe(result)
+    files[folder / "fit.png"] = fit.picture(result)
     folder.mkdir(parents=True, exist_ok=True)
     for path, data in files.items():
         write_atomically(path, data)
+    if folder / "magnet.toml" not in files:
+        (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
     print(text, *([refusal] if refusal else []), "", sep="\n")
     print(f"written: {', '.join(map(str, files))}")
     return 0

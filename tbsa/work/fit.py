@@ -120,21 +120,23 @@ def fit(
             bounds={name: value for name, value in limits.items() if name in each.names},
             loss=loss, absolute=absolute)
 
-    others: dict[str, Fit | str] = {}
-    for each in made.values():
-        try:
-            others[each.name] = one(each)
-        except ValueError as error:
-            others[each.name] = str(error)
-    main = others[model]
-    if isinstance(main, str):
-        raise InputError(f"cannot be fitted: {main}", file=file, field="--model", value=model)
+    try:
+        main = one(made[model])
+    except ValueError as error:
+        raise InputError(f"cannot be fitted: {error}", file=file, field="--model",
+                         value=model) from None
     method = method or ("profile" if loss == "linear" else "normal")
     try:
         intervals = {name: fitting.interval(main, name, method)
                      for name, free in zip(main.model.names, main.free, strict=True) if free}
     except ValueError as error:
         raise InputError(f"cannot be had: {error}", field="--interval", value=method) from None
+    others: dict[str, Fit | str] = {}
+    for name, each in made.items():
+        try:
+            others[name] = main if name == model else one(each)
+        except ValueError as error:
+            others[name] = str(error)
     return Result(measured, of, kind, depth, main, method, intervals, others)
 
 
@@ -457,14 +459,18 @@ def into(path: Path, result: Result) -> bytes:
     InputError
         Where the file is not a scene, or would not be one with these values.
     """
-    before = load(path)
     new = _lines(result)
+    before = load(path)
     text = path.read_bytes().decode("utf-8-sig")
     ending = "\r\n" if "\r\n" in text else "\n"
     lines = text.removesuffix(ending).split(ending)
     heads = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
     start = next((k for k in heads if re.match(r"\s*\[\s*magnet\s*\]", lines[k])), None)
+    wrong = InputError("must be a table of its own, [magnet], to be replaced by the fit",
+                       file=str(path), field="magnet")
     if start is None:
+        if before.magnet is not None:
+            raise wrong
         lines += ["", "[magnet]", *new.values()]
     else:
         end = next((k for k in heads if k > start), len(lines))
@@ -479,6 +485,5 @@ def into(path: Path, result: Result) -> bytes:
     alpha, beta, inset = (float(line.split()[2]) for line in new.values())
     magnet = replace(before.magnet or Magnet(), alpha=alpha, beta=beta, inset=inset)
     if after != replace(before, magnet=magnet):
-        raise InputError("must be a table of its own, [magnet], to be replaced by the fit",
-                         file=str(path), field="magnet")
+        raise wrong
     return made.encode()

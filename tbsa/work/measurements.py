@@ -164,6 +164,10 @@ def _judge(measured: Measurements) -> None:
     if force.mean() <= 0:
         raise InputError("N on average; must be above 0: give sizes of forces, without sign",
                          file=file, field="force", value=float(f"{force.mean():.4g}"))
+    slope = np.polyfit(d / np.ptp(d), force, 1)[0]
+    if slope >= 0:
+        raise InputError("N from the nearest to the farthest point, on average; must fall with "
+                         "the distance", file=file, field="force", value=float(f"{slope:.4g}"))
 
 
 def quantity(text: str, unit: str, field: str) -> float:
