@@ -503,6 +503,14 @@ def test_the_ligo_data_on_the_command_line(here, capsys):
     assert "warning: the cylinder model describes these points far better" in out
 
 
+def test_the_readme_shows_what_the_command_prints(tmp_path, monkeypatch, capsys):
+    command, shown = re.search(r"```sh\ntbsa (fit .*)\n```\n\n```text\n(.*?)```",
+                               (ROOT / "README.md").read_text(), re.DOTALL).groups()
+    monkeypatch.chdir(ROOT)
+    assert main([*command.split(), "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.startswith(shown)
+
+
 @given(st.sampled_from(["mm", "cm", "m"]), st.sampled_from(["N", "mN", "g"]),
        st.sampled_from(["N", "mN", "g"]), st.sampled_from(["{} ({})", "{} [{}]", "{}_{}"]),
        st.permutations([0, 1, 2]))
@@ -638,8 +646,11 @@ BAD = [  # (name, bytes of the file, what the message must say)
      "line 2, gap: '-1' must be a number from 0"),
     ("a distance of the moon", b"gap (m),force (N)\n1,3\n2,2\n384400000,1\n",
      "line 4, gap: '384400000' must be a number from 0 to 10 m"),
-    ("no uncertainty", (H + ROWS + "4,1,0\n").encode(), "line 5, sd: '0' must be a number above 0"),
-    ("a negative uncertainty", (H + ROWS + "4,1,-1\n").encode(), "sd: '-1' must be a number above"),
+    ("no uncertainty", (H + ROWS + "4,1,0\n").encode(),
+     "line 5, sd: '0' must be a number from 1e-12"),
+    ("a negative uncertainty", (H + ROWS + "4,1,-1\n").encode(), "sd: '-1' must be a number from"),
+    ("a certainty", (H + "4,1,1e-300\n").encode(), "sd: '1e-300' must be a number from 1e-12"),
+    ("no force", b"gap (mm),force (N)\n1,3e-200\n2,2e-200\n3,1e-200\n", "N on average; must be"),
     ("no points", H.encode(), "rows: 0 points; must be at least 3"),
     ("two points", (H + "1,3,1\n2,2,1\n").encode(), "rows: 2 points; must be at least 3"),
     ("two distances", (H + "1,3,1\n2,2,1\n2,1,1\n").encode(),
@@ -647,7 +658,7 @@ BAD = [  # (name, bytes of the file, what the message must say)
     ("constant force", (H + "1,2,1\n2,2,1\n3,2,1\n").encode(),
      "force: 2.0 N at every distance; must fall"),
     ("forces with a sign", b"gap (mm),force (N)\n1,-3\n2,-2\n3,-1\n",
-     "force: -2.0 N on average; must be above 0"),
+     "force: -2.0 N on average; must be at least"),
     ("a force that rises", b"gap (mm),force (N)\n1,1\n2,2\n3,3\n4,4\n", "must fall"),
     ("a picture", b"\x89PNG\r\n\x1a\n\x00\x00", "must be a CSV file in UTF-8"),
     ("zeros", b"\x00" * 50, "must be a CSV file: it holds a NUL"),

@@ -319,7 +319,8 @@ def fit(
     alike = [each for each in found if each.chi2 <= best.chi2 * (1 + 1e-6)]
     different: list[Fit] = []
     for each in alike:
-        if all(np.any(np.abs(each.values - other.values) > 1e-2 * np.abs(other.values))
+        if all(np.any(np.abs(each.values - other.values)
+                      > 1e-2 * np.maximum(np.abs(other.values), 0.1 * other.unit))
                for other in different):
             different.append(each)
     best = replace(best, optima=len(different))
@@ -382,7 +383,12 @@ def _solve(problem: Fit) -> Fit:
         result = least_squares(residuals, start, bounds=(low, high), x_scale="jac",
                                loss=problem.loss, f_scale=problem.threshold, ftol=1e-12,
                                xtol=1e-12, gtol=None, max_nfev=300)
-    values[free] = result.x * unit
+        values[free] = result.x * unit
+        for bound in (problem.low, problem.high):  # the method only comes near them
+            close = free & (np.abs(values - bound) <= 1e-9 * problem.unit)
+            if close.any() and np.all(np.isfinite(problem.model.force(
+                    problem.distance, *np.where(close, bound, values)))):
+                values = np.where(close, bound, values)
     return replace(problem, values=values)
 
 
@@ -593,15 +599,15 @@ def doubts(fit: Fit, intervals: Mapping[str, Interval]) -> list[str]:
         if not fit.free[k]:
             continue
         value, error = fit.values[k], fit.errors[k]
-        for limit, what in ((fit.low[k], "lower"), (fit.high[k], "upper")):
-            if abs(value - limit) <= 1e-6 * fit.unit[k]:
-                found.append(f"{name} is at its {what} bound, {limit:g} {unit}".rstrip())
+        limits = {"lower": fit.low[k], "upper": fit.high[k]}
+        ends = [end for end, limit in limits.items() if abs(value - limit) <= 1e-6 * fit.unit[k]]
+        found += [f"{name} is at its {end} bound, {limits[end]:g} {unit}".rstrip() for end in ends]
         low, high = intervals.get(name, (value, value))
         if not np.isfinite(error) or high >= fit.high[k] or (k == 0 and low <= fit.low[k]):
             found.append(f"{name} is not identified: these data do not bound it")
-        elif error > 0.5 * abs(value):
+        elif not ends and error > 0.5 * abs(value):
             found.append(f"{name} is weakly identified: its standard error is "
-                         f"{100 * error / max(abs(value), 1e-300):.0f} % of it")
+                         f"{100 * error / abs(value):.0f} % of it")
     return found
 
 

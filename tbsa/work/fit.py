@@ -228,9 +228,9 @@ def describe(result: Result) -> str:
         "",
         f"F = {main.model.formula}" if main.model.name not in EXACT else main.model.formula,
         *_indent(_table(["", "value", "error", "95 %", "unit"], _values(result))),
-        f"  {weighted}, {main.loss} loss, {result.method} intervals; {scaled}"
-        + (f"; correlation {', '.join(f'{c:.3f}' for c in correlation)}" if correlation.size
-           else ""),
+        f"  {weighted}, {main.loss} loss, {result.method} intervals; {scaled}",
+        *([f"  correlation {', '.join(f'{c:.3f}' for c in correlation)}"] if correlation.size
+          else []),
         "",
         *_goodness(result),
         "",

@@ -27,6 +27,7 @@ HEADER = ("must be a header like  gap (mm),force (N),sd (N)  with gap, centre or
           "cm or m, force and perhaps sd in N, mN or g")
 LEAST = 3  # points, at as many distances
 MOST = 10_000
+SMALLEST = 1e-12  # N, of a mean force and of an uncertainty
 
 
 class Measurements(NamedTuple):
@@ -129,14 +130,13 @@ def _header(head: Sequence[str], file: str, line: str) -> list[tuple[str, str, f
 def _value(name: str, cell: str, scale: float, file: str, line: str) -> float:
     """A cell as SI, within what its column allows."""
     high, unit = (1e6, "N") if name in ("force", "sd") else (10.0, "m")
-    low = {"force": -high, "sd": 0.0}.get(name, 0.0)
-    least = f"{'above' if name == 'sd' else 'from'} {low / scale:g}"
-    what = f"must be a number {least} to {high / scale:g} {_name_of(unit, scale)}"
+    low = {"force": -high, "sd": SMALLEST}.get(name, 0.0)
+    what = f"must be a number from {low / scale:g} to {high / scale:g} {_name_of(unit, scale)}"
     try:
         value = float(cell) * scale if "_" not in cell else math.nan
     except ValueError:
         value = math.nan
-    if not (low <= value <= high) or (name == "sd" and value == 0):
+    if not low <= value <= high:
         raise InputError(what, file=file, field=f"{line}, {name}", value=cell)
     return value
 
@@ -161,8 +161,9 @@ def _judge(measured: Measurements) -> None:
     if np.ptp(force) == 0:
         raise InputError("N at every distance; must fall with the distance", file=file,
                          field="force", value=float(force[0]))
-    if force.mean() <= 0:
-        raise InputError("N on average; must be above 0: give sizes of forces, without sign",
+    if force.mean() < SMALLEST:
+        raise InputError(f"N on average; must be at least {SMALLEST:g} N: give sizes of forces, "
+                         "without sign",
                          file=file, field="force", value=float(f"{force.mean():.4g}"))
     slope = np.polyfit(d / np.ptp(d), force, 1)[0]
     if slope >= 0:
