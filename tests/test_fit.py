@@ -225,6 +225,9 @@ def test_parameters_that_fit_equally_well_are_counted():
 def test_what_cannot_be_fitted_is_an_error():
     for arguments, options, message in (
             ((LAW, R[:2], TRUE[:2]), {}, "2 points"),
+            ((LAW, R[:5], TRUE), {}, "distance must be 15 finite numbers"),
+            ((LAW, R, TRUE * np.nan), {}, "force must be 15 finite numbers"),
+            ((LAW, R, TRUE, TRUE * 0), {}, "sd must be positive"),
             ((LAW, R, TRUE), {"fixed": {"alpha": 1, "beta": 1}}, "at least one must be free"),
             ((LAW, R, TRUE), {"fixed": {"gamma": 1}}, "not a parameter of law"),
             ((LAW, R, TRUE), {"bounds": {"beta": (1, 0)}}, "rising order"),

@@ -284,10 +284,16 @@ def fit(
     Raises
     ------
     ValueError
-        Fewer points than parameters and one, unknown names, values out of bounds, or a model
-        that is not finite at these distances.
+        No more points than free parameters, values that are not finite, uncertainties that are
+        not positive, unknown names, or a model that is not finite at these distances.
     """
     d, f = np.asarray(distance, float), np.asarray(force, float)
+    s = None if sd is None else np.asarray(sd, float)
+    for name, array in (("distance", d), ("force", f), ("sd", s)):
+        if array is not None and (array.shape != (f.size,) or not np.all(np.isfinite(array))):
+            raise ValueError(f"{name} must be {f.size} finite numbers in a row")
+    if s is not None and np.any(s <= 0):
+        raise ValueError("sd must be positive")
     known, given = dict(fixed or {}), dict(bounds or {})
     if loss not in LOSSES:
         raise ValueError(f"loss must be one of {', '.join(LOSSES)}, not {loss!r}")
@@ -311,8 +317,8 @@ def fit(
             raise ValueError(f"the bounds of {name}, {low[k]:g} and {high[k]:g}, "
                              "must be in rising order")
     zero = np.zeros(len(model.names))
-    empty = Fit(model, d, f, None if sd is None else np.asarray(sd, float), low, high, free,
-                "linear", absolute and sd is not None, zero, np.ones_like(zero))
+    empty = Fit(model, d, f, s, low, high, free, "linear", absolute and s is not None, zero,
+                np.ones_like(zero))
     found = [_solve(replace(empty, values=start, unit=np.maximum(np.abs(start), 1e-300)))
              for start in _starts(empty, known)[:starts]]
     best = min(found, key=lambda each: each.chi2)
