@@ -321,13 +321,13 @@ def test_intervals_cover_the_truth_in_93_to_97_of_100_sets(case):
 
 
 @pytest.mark.slow
-def test_bootstrap_intervals_cover_the_truth_in_93_to_97_of_100_sets():
-    number, held = 1000, np.zeros(2)
+def test_bootstrap_intervals_cover_the_truth_in_some_95_of_100_sets():
+    number, held = 300, np.zeros(2)
     for found in synthetic("scaled", number, 13):
         ends = bootstrap(found, number=199).values()
         held += [low <= true <= high
                  for (low, high), true in zip(ends, (ALPHA, BETA), strict=True)]
-    assert np.all((held / number >= 0.93) & (held / number <= 0.97)), held / number
+    assert np.all((held / number >= 0.92) & (held / number <= 0.98)), held / number
 
 
 # ---------------------------------------------------------------------------------------------
