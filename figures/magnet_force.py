@@ -7,32 +7,46 @@ from matplotlib.figure import Figure
 
 from figures.style import BLUE, GREY, ORANGE, figure
 from theory.magnets import Law, force
+from theory.permanent import coaxial_cylinders
 
 DATA: tuple[str, ...] = ()
 FITTED = Law()  # alpha = 0.18 N cm^2, beta = 0.64 cm
 PRINTED = Law(alpha=0.18, beta=0.64)  # the same numbers in N m^2 and m, as printed
 OURS = Law(cutoff=0.03, switch=0.1)  # as simulated: gone at one tile width
+DIAMETERS = (0.002, 0.003, 0.004)  # m, of real magnets
+POLARISATION = 1.3  # T, sintered neodymium
 
 
 def make() -> Figure:
-    """The fit in units that can be and in those printed, and where the simulator cuts it off."""
-    contact, width = 2 * FITTED.inset, FITTED.width
-    r = np.linspace(0.0, 0.04, 801)
-    fig = figure(2.35)
+    """The paper's curve, the one in the printed units, and ideal cylinders of that size.
+
+    Magnets whose faces are flush with the edges and whose centres lie 1.5 mm inside are 3 mm
+    high.
+    """
+    height = contact = 2 * FITTED.inset
+    r = np.linspace(contact, 0.04, 741)
+    fig = figure(2.9)
     ax = fig.add_subplot()
-    fade = 100 * (1 - OURS.switch) * OURS.cutoff, 100 * OURS.cutoff
-    ax.axvspan(*fade, ymax=0.22, color="#e6e6e6", lw=0)
-    for law, colour, dash in ((PRINTED, ORANGE, "--"), (FITTED, GREY, ":"), (OURS, BLUE, "-")):
+    for diameter in DIAMETERS:
+        f = coaxial_cylinders(r, diameter / 2, height, POLARISATION)
+        ax.plot(100 * r, f, color=GREY, lw=0.9)
+        ax.annotate(f"{1000 * diameter:.0f}", (100 * contact, f[0]), (-2, 0), va="center",
+                    ha="right", textcoords="offset points", color="#606060", fontsize=6.5)
+    for law, colour, dash in ((PRINTED, ORANGE, "--"), (FITTED, BLUE, ":"), (OURS, BLUE, "-")):
         ax.plot(100 * r, [force(each, law) for each in r], color=colour, linestyle=dash)
-    bond, apart = force(contact, FITTED), force(width, FITTED)
+    bond, apart = force(contact, FITTED), force(FITTED.width, FITTED)
     ax.plot([100 * contact], [bond], "o", color=BLUE, markersize=3.5)
-    for text, x, y, colour in (
-            ("as printed: 0.18 N m$^2$, 0.64 m", 1.3, 0.44, ORANGE),
-            (f"tiles in contact: {bond:.4f} N", 0.45, bond + 0.012, BLUE),
-            ("0.18 N cm$^2$, 0.64 cm", 0.85, 0.105, BLUE),
-            (f"uncut {apart:.4f} N", 3.04, 0.022, "#606060"),
-            ("switched off", 2.58, 0.125, "#606060")):
-        ax.text(x, y, text, color=colour, fontsize=7)
-    ax.set(xlabel="distance of the magnets (cm)", ylabel="force (N)", xlim=(0, 4), ylim=(0, 0.5))
+    ax.annotate(f"tiles in contact: {bond:.4f} N", (100 * contact, bond), (1.2, bond), color=BLUE,
+                fontsize=7, va="center", arrowprops={"arrowstyle": "-", "lw": 0.5, "color": BLUE})
+    for text, x, y, colour, side in (
+            ("as printed: 0.18 N m$^2$, 0.64 m", 3.95, 0.52, ORANGE, "right"),
+            ("0.18 N cm$^2$, 0.64 cm", 1.5, 0.055, BLUE, "left"),
+            (f"uncut {apart:.4f} N", 3.02, 0.0165, BLUE, "left"),
+            ("cut off", 2.3, 0.0075, BLUE, "left"),
+            (f"cylinders of {POLARISATION:g} T,\n{1000 * height:.0f} mm high, diameter in mm",
+             0.75, 2.0, "#606060", "left")):
+        ax.text(x, y, text, color=colour, fontsize=7, ha=side)
+    ax.set(xlabel="distance of the magnets' centres (cm)", ylabel="force (N)", yscale="log",
+           xlim=(0, 4), ylim=(1e-3, 10))
     ax.spines[["top", "right"]].set_visible(False)
     return fig

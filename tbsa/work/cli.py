@@ -1,4 +1,4 @@
-"""The command ``tbsa``: run, metrics, draw, check.
+"""The command ``tbsa``: run, metrics, draw, check, fit.
 
 Exit codes: 0 done; 1 the run could not go on (disk, a state that is not finite); 2 bad input,
 nothing written; 130 interrupted, saved.
@@ -76,6 +76,40 @@ def _parser() -> argparse.ArgumentParser:
         description="Check a scene, grow its pattern abstractly, and list what could bind wrongly.")
     check.add_argument("config", type=Path, help="the scene, a TOML file")
     check.set_defaults(command=_check)
+
+    fit = commands.add_parser(
+        "fit", help="fit a magnet model to measured forces",
+        description="Fit F = alpha / (r + beta)^2, or another model, to measured forces; print "
+        "the fit, compare the models, draw the residuals and write the [magnet] section of a "
+        "scene.  Lengths are given with their unit: 1.5mm.")
+    fit.add_argument("csv", type=Path, help="measurements; the header names columns and units, "
+                     "such as  gap (mm),force (N),sd (N)")
+    fit.add_argument("--model", choices=("law", "power", "cylinder", "cuboid"), default="law",
+                     help="the model shown in full (default: law)")
+    fit.add_argument("--distance", choices=("gap", "centre"),
+                     help="what a column called distance holds")
+    fit.add_argument("--inset", metavar="LENGTH", help="depth of the magnets' centres behind the "
+                     "surfaces that a gap is measured between: r = gap + 2 inset")
+    fit.add_argument("--range", metavar="LOW:HIGH", help="measured distances to use; either end "
+                     "may be left out")
+    fit.add_argument("--fix", action="append", default=[], metavar="NAME=VALUE",
+                     help="a parameter that is known, such as height=5mm")
+    fit.add_argument("--bound", action="append", default=[], metavar="NAME=LOW:HIGH",
+                     help="limits of a parameter")
+    fit.add_argument("--loss", choices=("linear", "soft_l1", "huber", "cauchy"), default="linear",
+                     help="a robust loss makes little of outliers (default: linear)")
+    weights = fit.add_mutually_exclusive_group()
+    weights.add_argument("--unweighted", action="store_true",
+                         help="leave the uncertainties out of the fit")
+    weights.add_argument("--absolute", action="store_true", help="take the uncertainties at their "
+                     "word; otherwise the scatter of the points scales the errors")
+    fit.add_argument("--interval", choices=("profile", "bootstrap", "normal"),
+                     help="kind of the 95 %% intervals (default: profile)")
+    fit.add_argument("--out", type=Path, metavar="DIR",
+                     help="folder for fit.png and magnet.toml (default: fits/NAME-MODEL)")
+    fit.add_argument("--scene", type=Path, metavar="TOML",
+                     help="a scene whose [magnet] gets the fitted alpha, beta and inset")
+    fit.set_defaults(command=_fit)
     return parser
 
 
@@ -208,6 +242,39 @@ def _check(arguments: argparse.Namespace) -> int:
     from tbsa.work.report import describe
 
     print(describe(load(arguments.config)))
+    return 0
+
+
+def _fit(arguments: argparse.Namespace) -> int:
+    from tbsa.model.records import write_atomically
+    from tbsa.work import fit
+    from tbsa.work.measurements import read
+
+    result = fit.fit(
+        read(arguments.csv), arguments.model, distance=arguments.distance,
+        inset=arguments.inset, within=arguments.range, fixed=arguments.fix,
+        bounds=arguments.bound, loss=arguments.loss, absolute=arguments.absolute,
+        unweighted=arguments.unweighted, method=arguments.interval)
+    folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
+    if folder.exists() and not folder.is_dir():
+        raise InputError("must be a folder", field="--out", value=str(folder))
+    files, refusal = {}, ""
+    if arguments.scene is not None:
+        files[arguments.scene] = fit.into(arguments.scene, result)
+    if arguments.model == "law":
+        try:
+            files[folder / "magnet.toml"] = fit.section(result).encode()
+        except InputError as error:
+            refusal = f"warning: a scene does not take this law: {error}"
+    text = fit.describe(result)
+    files[folder / "fit.png"] = fit.picture(result)
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, data in files.items():
+        write_atomically(path, data)
+    if folder / "magnet.toml" not in files:
+        (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
+    print(text, *([refusal] if refusal else []), "", sep="\n")
+    print(f"written: {', '.join(map(str, files))}")
     return 0
 
 

@@ -1,0 +1,489 @@
+"""The command ``tbsa fit``: a magnet model fitted to measurements, as text, picture and scene.
+
+The fit itself is :mod:`theory.fit`; here are units, files and words.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from tbsa.errors import InputError
+from tbsa.model.scene import Magnet, load, parse
+from tbsa.work.measurements import LEAST, LENGTHS, Measurements, quantity
+from theory import fit as fitting
+from theory.fit import Fit, Interval, Model
+
+EXACT = ("cylinder", "cuboid")
+
+
+class Result(NamedTuple):
+    """What :func:`fit` finds: one model in full, and all of them for comparison."""
+
+    measured: Measurements  # the points in range
+    of: int  # points in the file
+    kind: str  # "gap" | "centre"
+    inset: float  # m
+    main: Fit
+    method: str
+    intervals: Mapping[str, Interval]
+    others: Mapping[str, Fit | str]  # all models by name; a text says why there is no fit
+
+
+def fit(
+    measured: Measurements,
+    model: str = "law",
+    *,
+    distance: str | None = None,
+    inset: str | None = None,
+    within: str | None = None,
+    fixed: Sequence[str] = (),
+    bounds: Sequence[str] = (),
+    loss: str = "linear",
+    absolute: bool = False,
+    unweighted: bool = False,
+    method: str | None = None,
+) -> Result:
+    """Fit a model to measurements, and the others for comparison.
+
+    Lengths and bounds are given as on the command line, as text with a unit.
+
+    Parameters
+    ----------
+    measured
+        From :func:`tbsa.work.measurements.read`.
+    model
+        ``"law"``, ``"power"``, ``"cylinder"`` or ``"cuboid"``.
+    distance
+        ``"gap"`` or ``"centre"``, needed where the header has just ``distance``.
+    inset
+        How deep the magnets' centres lie behind the surfaces that a gap is measured between,
+        e.g. ``"1.5mm"``; needed for a gap.
+    within
+        Distances to use, e.g. ``"0.5cm:2cm"``; either end may be left out.
+    fixed, bounds
+        ``"height=5mm"``, ``"beta=0:2cm"``; they hold for every model with that parameter.
+    loss, absolute
+        As :func:`theory.fit.fit`.
+    unweighted
+        Leave the uncertainties out.
+    method
+        Of the intervals, as :func:`theory.fit.interval`; by default ``"profile"``, and
+        ``"normal"`` for a robust loss.
+
+    Raises
+    ------
+    InputError
+        For a value that is not allowed, or a model that cannot be fitted.
+    """
+    file = measured.file
+    if distance is not None and measured.kind not in ("distance", distance):
+        raise InputError(f"must be {measured.kind}, as the header of {file} says",
+                         field="--distance", value=distance)
+    kind = distance or measured.kind
+    if kind == "distance":
+        raise InputError("is missing; must be gap (between the surfaces) or centre (between the "
+                         f"magnets' centres): the header of {file} leaves it open",
+                         field="--distance")
+    if inset is None and kind == "gap":
+        raise InputError("is missing; must be how deep the magnets' centres lie behind the "
+                         "surfaces that the gap is measured between, for example 1.5mm; 0mm fits "
+                         "the gap itself", field="--inset")
+    depth = Magnet.inset if inset is None else quantity(inset, "m", "--inset")
+    if not 0 <= depth <= 10:
+        raise InputError("must be a length from 0 to 10 m", field="--inset", value=inset)
+    if absolute and (unweighted or measured.sd is None):
+        raise InputError("must be left out where no uncertainties are used",
+                         field="--absolute")
+    if unweighted:
+        measured = measured._replace(sd=None)
+    of = measured.distance.size
+    if within is not None:
+        measured = _within(measured, within)
+    nearest = math.inf if kind == "gap" else float(measured.distance.min())
+    made = fitting.models(kind, depth, nearest)
+    known, limits = _settings(fixed, bounds, made)
+
+    def one(each: Model) -> Fit:
+        return fitting.fit(
+            each, measured.distance, measured.force, measured.sd,
+            fixed={name: value for name, value in known.items() if name in each.names},
+            bounds={name: value for name, value in limits.items() if name in each.names},
+            loss=loss, absolute=absolute)
+
+    try:
+        main = one(made[model])
+    except ValueError as error:
+        raise InputError(f"cannot be fitted: {error}", file=file, field="--model",
+                         value=model) from None
+    method = method or ("profile" if loss == "linear" else "normal")
+    try:
+        intervals = {name: fitting.interval(main, name, method)
+                     for name, free in zip(main.model.names, main.free, strict=True) if free}
+    except ValueError as error:
+        raise InputError(f"cannot be had: {error}", field="--interval", value=method) from None
+    others: dict[str, Fit | str] = {}
+    for name, each in made.items():
+        try:
+            others[name] = main if name == model else one(each)
+        except ValueError as error:
+            others[name] = str(error)
+    return Result(measured, of, kind, depth, main, method, intervals, others)
+
+
+def _within(measured: Measurements, within: str) -> Measurements:
+    """The points in a range of distances."""
+    low, colon, high = within.partition(":")
+    if not colon:
+        raise InputError("must be two distances, LOW:HIGH, of which one may be left out, for "
+                         "example 0.5cm:2cm or 5mm:", field="--range", value=within)
+    a = quantity(low, "m", "--range") if low.strip() else -math.inf
+    b = quantity(high, "m", "--range") if high.strip() else math.inf
+    use = (measured.distance >= a) & (measured.distance <= b)
+    if np.unique(measured.distance[use]).size < LEAST:
+        far, scale = measured.distance.max(), LENGTHS[measured.unit]
+        raise InputError(
+            f"leaves {use.sum()} of {use.size} points; must leave at least {LEAST}, at as many "
+            f"distances, of {measured.distance.min() / scale:g} to {far / scale:g} "
+            f"{measured.unit}", field="--range", value=within)
+    return measured._replace(distance=measured.distance[use], force=measured.force[use],
+                             sd=None if measured.sd is None else measured.sd[use])
+
+
+def _settings(
+    fixed: Sequence[str], bounds: Sequence[str], made: Mapping[str, Model]
+) -> tuple[dict[str, float], dict[str, tuple[float | None, float | None]]]:
+    """Fixed values and bounds by the parameter's name, SI."""
+    every = {p.name: p for model in made.values() for p in model.parameters}
+    known: dict[str, float] = {}
+    limits: dict[str, tuple[float | None, float | None]] = {}
+    for option, texts in (("--fix", fixed), ("--bound", bounds)):
+        for text in texts:
+            name, sign, rest = (part.strip() for part in text.partition("="))
+            if not sign or name not in every:
+                form = "NAME=VALUE" if option == "--fix" else "NAME=LOW:HIGH"
+                raise InputError(f"must be {form}, the name one of {', '.join(every)}",
+                                 field=option, value=text)
+            if name in known or name in limits:
+                raise InputError(f"must be the only --fix or --bound of {name}", field=option,
+                                 value=text)
+            parameter = every[name]
+            parts = [rest] if option == "--fix" else rest.split(":")
+            if option == "--bound" and len(parts) != 2:
+                raise InputError("must be NAME=LOW:HIGH, of which one may be left out",
+                                 field=option, value=text)
+            numbers = [quantity(part, parameter.unit, f"{option} {name}") if part.strip()
+                       or option == "--fix" else None for part in parts]
+            for number in numbers:
+                if number is not None and not parameter.low <= number <= parameter.high:
+                    raise InputError(f"must be from {parameter.low:g} to {parameter.high:g} "
+                                     f"{parameter.unit}".rstrip(), field=option, value=text)
+            if option == "--fix":
+                assert numbers[0] is not None
+                known[name] = numbers[0]
+            else:
+                low, high = numbers
+                least = parameter.low if low is None else low
+                if not least < (parameter.high if high is None else high):
+                    raise InputError("must be in rising order, LOW:HIGH", field=option, value=text)
+                limits[name] = (low, high)
+    return known, limits
+
+
+# ---------------------------------------------------------------------------------------------
+# Words.
+
+
+def describe(result: Result) -> str:
+    """The fit in words and numbers; lengths in the unit of the file."""
+    main, measured = result.main, result.measured
+    unit, size = measured.unit, LENGTHS[measured.unit]
+    near, far = (float(end) / size for end in (measured.distance.min(), measured.distance.max()))
+    count = f"{main.force.size} points" if main.force.size == result.of else (
+        f"{main.force.size} of {result.of} points")
+    if result.kind == "gap":
+        where = f"r = gap + 2 x {1e3 * result.inset:g} mm between the magnets' centres"
+        if main.model.name in EXACT:
+            where = "faces flush with the surfaces: centre distance = gap + height"
+    else:
+        where = "r between the magnets' centres, as measured"
+    kind = {"gap": "gap", "centre": "centre distance"}[result.kind]
+    weighted = "not weighted" if main.sd is None else "weighted by 1/sd^2"
+    scaled = ("sd taken at its word" if main.absolute
+              else f"errors from the scatter, {main.scale:.3g} "
+                   f"{'N' if main.sd is None else 'sd'}")
+    correlation = main.correlation[np.triu_indices(int(main.free.sum()), 1)]
+    lines = [
+        f"{measured.file}: {count}, {kind} {near:.4g} to {far:.4g} {unit}",
+        where,
+        "",
+        f"F = {main.model.formula}" if main.model.name not in EXACT else main.model.formula,
+        *_indent(_table(["", "value", "error", "95 %", "unit"], _values(result))),
+        f"  {weighted}, {main.loss} loss, {result.method} intervals; {scaled}",
+        *([f"  correlation {', '.join(f'{c:.3f}' for c in correlation)}"] if correlation.size
+          else []),
+        "",
+        *_goodness(result),
+        "",
+        *_comparison(result),
+    ]
+    warnings = fitting.doubts(main, result.intervals) + _local(result)
+    return "\n".join([*lines, *([""] if warnings else []), *(f"warning: {w}" for w in warnings)])
+
+
+def _shown(parameter: str, unit: str) -> tuple[str, float]:
+    """The unit in which a parameter is printed, given the file's unit of length, and its size."""
+    if parameter == "N m^2":
+        return ("N m^2" if unit == "m" else f"N {unit}^2"), LENGTHS[unit] ** 2
+    return (unit, LENGTHS[unit]) if parameter == "m" else (parameter, 1.0)
+
+
+def _values(result: Result) -> list[list[str]]:
+    """Rows of the main fit's parameters."""
+    rows, main = [], result.main
+    for k, parameter in enumerate(main.model.parameters):
+        unit, size = _shown(parameter.unit, result.measured.unit)
+        value, error = main.values[k] / size, main.errors[k] / size
+        if main.free[k]:
+            low, high = (end / size for end in result.intervals[parameter.name])
+            rows.append([parameter.name, _rounded(value, error), _rounded(error, error),
+                         f"{_rounded(low, error)} to {_rounded(high, error)}", unit])
+        else:
+            rows.append([parameter.name, f"{value:g}", "fixed", "", unit])
+    return rows
+
+
+def _rounded(value: float, error: float) -> str:
+    """A value to two digits of its error, and to at least two of its own."""
+    if not (math.isfinite(error) and error > 0):
+        return f"{value:.3g}"
+    sizes = [size for size in (abs(value), error) if size >= 0.01 * error]
+    digits = 1 - math.floor(math.log10(min(sizes)))
+    return f"{value:.{max(digits, 0)}f}" if digits <= 6 else f"{value:.3g}"
+
+
+def _goodness(result: Result) -> list[str]:
+    """Chi^2, runs, and the halves."""
+    main, order = result.main, np.argsort(result.measured.distance, kind="stable")
+    runs = fitting.runs_test(main.residuals[order])
+    worst = int(np.argmax(np.abs(main.weight * main.residuals)))
+    unit, size = result.measured.unit, LENGTHS[result.measured.unit]
+    rms = math.sqrt(float(np.mean(main.residuals**2)))
+    lines = [f"rms residual {rms:.3g} N; largest {main.residuals[worst]:+.3g} N"
+             + (f" ({(main.weight * main.residuals)[worst]:+.1f} sd)" if main.sd is not None
+                else "") + f" at {result.measured.distance[worst] / size:.4g} {unit}"]
+    if main.sd is not None:
+        lines.append(f"chi2/dof {main.chi2 / main.dof:.3g} with {main.dof} degrees of freedom "
+                     f"({_probability(main.p_value)})")
+    lines.append(f"runs of one sign: {runs.runs}, by chance {runs.expected:.1f} "
+                 f"({_probability(runs.p_value)})")
+    both = fitting.halves(main)
+    if both is not None:
+        rows = []
+        for name, half in (("all", main), ("near half", both.near), ("far half", both.far)):
+            d = half.distance / size
+            row = [name, f"{d.min():.4g} to {d.max():.4g} {unit}"]
+            for k in np.flatnonzero(main.free):
+                part = _shown(main.model.parameters[k].unit, unit)[1]
+                error = half.errors[k] / part
+                row.append(f"{_rounded(half.values[k] / part, error)} "
+                           f"± {_rounded(error, error)}")
+            rows.append(row)
+        names = [name for name, free in zip(main.model.names, main.free, strict=True) if free]
+        lines += ["", "by range", *_indent(_table(["", result.kind, *names], rows)),
+                  "  one set of parameters for both halves: "
+                  f"{_probability(both.p_value)} (Chow's test)"]
+    return lines
+
+
+def _comparison(result: Result) -> list[str]:
+    """Models against each other."""
+    fits = {name: each for name, each in result.others.items() if isinstance(each, Fit)}
+    criteria = {name: each.aicc for name, each in fits.items()}
+    finite = {name: c for name, c in criteria.items() if math.isfinite(c)}
+    share = dict(zip(finite, fitting.weights(list(finite.values())), strict=True)) if finite else {}
+    least = min(finite.values(), default=math.nan)
+    rows, notes = [], []
+    for name, each in result.others.items():
+        if isinstance(each, str):
+            notes.append(f"  {name}: not fitted, {each}")
+            continue
+        values = []
+        for k, parameter in enumerate(each.model.parameters):
+            unit, size = _shown(parameter.unit, result.measured.unit)
+            values.append(f"{parameter.name} {each.values[k] / size:.4g} {unit}".rstrip())
+        known = name in finite
+        rows.append([name, f"{math.sqrt(float(np.mean(each.residuals**2))):.3g}",
+                     f"{each.chi2 / each.dof:.3g}" if each.sd is not None else "-",
+                     f"{finite[name] - least:.1f}" if known else "-",
+                     f"{share[name]:.3f}" if known else "-", ", ".join(values)])
+    head = ["model", "rms (N)", "chi2/dof", "dAICc", "weight", "parameters"]
+    return ["models", *_indent(_table(head, rows)), *notes]
+
+
+def _local(result: Result) -> list[str]:
+    """What the goodness of fit says against the model."""
+    main, found = result.main, []
+    order = np.argsort(result.measured.distance, kind="stable")
+    runs = fitting.runs_test(main.residuals[order])
+    both = fitting.halves(main)
+    if main.sd is not None and main.p_value < 0.01:
+        found.append(f"the curve misses the points by {math.sqrt(main.chi2 / main.dof):.3g} times "
+                     "their uncertainty")
+    if runs.p_value < 0.05:
+        found.append("the residuals have a pattern: the curve has another shape than the "
+                     "measured force")
+    if both is not None and both.p_value < 0.05:
+        found.append(f"the {main.model.name} model is local: near and far halves ask for different "
+                     "parameters; fit the range of use (--range)")
+    if main.loss == "linear":
+        rivals = {name: each.aicc for name, each in result.others.items()
+                  if isinstance(each, Fit) and math.isfinite(each.aicc)}
+        best = min(rivals, key=lambda name: rivals[name], default=main.model.name)
+        if main.model.name in rivals and rivals[main.model.name] - rivals[best] > 10:
+            found.append(f"the {best} model describes these points far better "
+                         f"(AICc lower by {rivals[main.model.name] - rivals[best]:.1f})")
+    return found
+
+
+def _probability(p: float) -> str:
+    return "p < 1e-300" if p < 1e-300 else f"p = {p:.2g}"
+
+
+def _indent(lines: Iterable[str]) -> list[str]:
+    return ["  " + line for line in lines]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Plain text: the first and the last column to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    last = len(head) - 1
+    return ["  ".join(cell.ljust(width) if k in (0, last) else cell.rjust(width)
+                      for k, (cell, width) in enumerate(zip(row, widths, strict=True))).rstrip()
+            for row in (head, *rows)]
+
+
+# ---------------------------------------------------------------------------------------------
+# A picture.
+
+LOOK: Any = {"font.size": 9, "legend.frameon": False, "lines.linewidth": 1.4,
+                        "axes.spines.top": False, "axes.spines.right": False}
+COLOURS = {"law": "#0b5fa5", "power": "#d9730d", "cylinder": "#5b8c2a", "cuboid": "#8a4a9e"}
+DASHES = {"law": "-", "power": "--", "cylinder": "-.", "cuboid": ":"}
+
+
+def picture(result: Result) -> bytes:
+    """Points, the fitted curves and the residuals, as PNG."""
+    main, measured = result.main, result.measured
+    size = LENGTHS[measured.unit]
+    d = np.linspace(measured.distance.min(), measured.distance.max(), 300)
+    with matplotlib.rc_context(LOOK):
+        figure = Figure(figsize=(5.5, 5.0), layout="constrained")
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        top.errorbar(measured.distance / size, measured.force, measured.sd, fmt="o", ms=3.5,
+                     color="#202020", capsize=2, lw=1, zorder=3, label="measured")
+        for name, each in result.others.items():
+            if isinstance(each, Fit):
+                alone = name == main.model.name
+                top.plot(d / size, each.predict(d), DASHES[name], color=COLOURS[name], label=name,
+                         lw=1.6 if alone else 0.9, zorder=2 if alone else 1)
+        top.set(ylabel="force (N)", ylim=(0, None))
+        top.legend()
+        residuals = main.residuals * main.weight
+        bars = None if main.sd is None else np.ones_like(residuals)
+        bottom.axhline(0, color="#7a7a7a", lw=0.8)
+        bottom.errorbar(measured.distance / size, residuals, bars, fmt="o", ms=3.5, capsize=2,
+                        lw=1, color=COLOURS[main.model.name])
+        kind = {"gap": "gap", "centre": "distance of the centres"}[result.kind]
+        bottom.set(xlabel=f"{kind} ({measured.unit})",
+                   ylabel=f"residual of {main.model.name} ({'N' if bars is None else 'sd'})")
+        figure.align_ylabels()
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=200)
+    return buffer.getvalue()
+
+
+# ---------------------------------------------------------------------------------------------
+# The scene's section.
+
+
+def section(result: Result) -> str:
+    """The ``[magnet]`` section of a fitted law, as a scene reads it.
+
+    Raises
+    ------
+    InputError
+        Where a scene would not take the values, or the model is not the law.
+    """
+    text = "\n".join(["[magnet]", *_lines(result).values()]) + "\n"
+    width = max(0.03, 4 * result.inset)
+    parse(f'[tiles]\nset = "chessboard"\n[material]\nwidth = {width!r}\nmass = {20 * width**2!r}\n'
+          f'[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n{text}')
+    return text
+
+
+def _lines(result: Result) -> dict[str, str]:
+    """The three lines of the section that the fit knows."""
+    main, size = result.main, LENGTHS[result.measured.unit]
+    if main.model.name != "law":
+        raise InputError("must be law, the one force that a scene has", field="--model",
+                         value=main.model.name)
+    near, far = (float(end) / size for end in (main.distance.min(), main.distance.max()))
+    error = [f"+- {e:.2g}" if free else "fixed"
+             for e, free in zip(main.errors, main.free, strict=True)]
+    span = f"{result.kind} {near:.4g} to {far:.4g} {result.measured.unit}"
+    numbers = [float(f"{value:.6g}") for value in (*main.values, result.inset)]
+    return {
+        "alpha": f"alpha = {numbers[0]!r}  # N m^2; {error[0]}, fitted over {span}",
+        "beta": f"beta = {numbers[1]!r}  # m; {error[1]}",
+        "inset": f"inset = {numbers[2]!r}  # m",
+    }
+
+
+def into(path: Path, result: Result) -> bytes:
+    """A scene's file with alpha, beta and inset of its ``[magnet]`` section replaced by the fit's.
+
+    Every other line stays as it is; a scene without the section gets one at its end.
+
+    Raises
+    ------
+    InputError
+        Where the file is not a scene, or would not be one with these values.
+    """
+    new = _lines(result)
+    before = load(path)
+    text = path.read_bytes().decode("utf-8-sig")
+    ending = "\r\n" if "\r\n" in text else "\n"
+    lines = text.removesuffix(ending).split(ending)
+    heads = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
+    start = next((k for k in heads if re.match(r"\s*\[\s*magnet\s*\]", lines[k])), None)
+    wrong = InputError("must be a table of its own, [magnet], to be replaced by the fit",
+                       file=str(path), field="magnet")
+    if start is None:
+        if before.magnet is not None:
+            raise wrong
+        lines += ["", "[magnet]", *new.values()]
+    else:
+        end = next((k for k in heads if k > start), len(lines))
+        missing = dict(new)
+        for k in range(start + 1, end):
+            key = lines[k].partition("=")[0].strip().strip("\"'")
+            if key in missing:
+                lines[k] = missing.pop(key)
+        lines[start + 1:start + 1] = missing.values()
+    made = ending.join(lines) + ending
+    after = parse(made, str(path))
+    alpha, beta, inset = (float(line.split()[2]) for line in new.values())
+    magnet = replace(before.magnet or Magnet(), alpha=alpha, beta=beta, inset=inset)
+    if after != replace(before, magnet=magnet):
+        raise wrong
+    return made.encode()

@@ -1,0 +1,751 @@
+"""The fit of magnet models: theory/fit.py, the command `tbsa fit`, and what it refuses."""
+
+import itertools
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.image import imread
+from scipy.optimize import curve_fit
+
+import tbsa
+from tbsa.work import cli
+from tbsa.work import fit as work
+from tbsa.work.cli import main
+from tbsa.work.measurements import quantity, read
+from theory import fit as fitting
+from theory.fit import bootstrap, doubts, fit, halves, interval, models, profile, runs_test
+from theory.permanent import coaxial_cylinders, parallel_cuboids
+
+ROOT = Path(__file__).parents[1]
+LIGO = ROOT / "paper_runs" / "ligo_40m_magnets.csv"
+ALPHA, BETA = 1.8e-5, 6.4e-3
+LAW = models()["law"]
+R = np.linspace(3e-3, 30e-3, 15)
+TRUE = LAW.force(R, ALPHA, BETA)
+
+
+def ligo(above, weighted):
+    """The law fitted to the LIGO data beyond a distance (cm)."""
+    data = read(LIGO)
+    use = data.distance > above / 100
+    return fit(LAW, data.distance[use], data.force[use], data.sd[use] if weighted else None)
+
+
+# ---------------------------------------------------------------------------------------------
+# The real data.
+
+
+@pytest.mark.parametrize(("above", "weighted", "alpha", "beta"), [
+    (0.5, False, (3.68, 0.46), (0.543, 0.084)),
+    (1.0, False, (2.07, 0.14), (0.086, 0.043)),
+    (0.5, True, (2.29, 0.20), (0.165, 0.060)),
+])
+def test_the_ligo_data_give_the_quoted_fits(above, weighted, alpha, beta):
+    """Values and standard errors in N cm^2 and cm, to their last digit."""
+    found = ligo(above, weighted)
+    assert found.values * [1e4, 100] == pytest.approx([alpha[0], beta[0]], abs=[5e-3, 5e-4][0])
+    assert 100 * found.values[1] == pytest.approx(beta[0], abs=5e-4)
+    assert 1e4 * found.errors[0] == pytest.approx(alpha[1], abs=5e-3)
+    assert 100 * found.errors[1] == pytest.approx(beta[1], abs=5e-4)
+    if weighted:
+        assert found.chi2 / found.dof == pytest.approx(142, abs=0.5)
+
+
+def test_the_ligo_data_are_those_of_the_source():
+    data = read(LIGO)
+    assert data.kind == "gap"
+    assert data.distance.size == 17
+    assert (data.distance[[0, 7, 16]] == pytest.approx([0, 0.0101, 0.0231]))
+    assert (data.force[[0, 7, 16]] == pytest.approx([2.95, 1.69, 0.301]))
+    assert (data.sd[[0, 7, 16]] == pytest.approx([0.105, 0.00559, 0.0073]))
+    assert np.sum(data.force) == pytest.approx(27.827)
+    assert np.sum(data.sd) == pytest.approx(0.49321)
+
+
+def test_the_law_is_only_local_on_the_ligo_data():
+    """Chi^2, the signs of the residuals and the two halves all say so."""
+    found = ligo(0.5, True)
+    assert found.p_value < 1e-100
+    assert runs_test(found.residuals).p_value < 0.01
+    parts = halves(found)
+    assert parts.p_value < 0.01
+    assert parts.near.values[0] > 1.5 * parts.far.values[0]
+
+
+def test_exact_magnets_describe_the_ligo_data_better_than_the_law():
+    data = read(LIGO)
+    use = data.distance > 0.005
+    made = models("gap")
+    law, cylinder = (fit(made[name], data.distance[use], data.force[use], data.sd[use])
+                     for name in ("law", "cylinder"))
+    assert cylinder.aicc < law.aicc - 10
+    assert cylinder.chi2 / cylinder.dof > 10  # and still not within their uncertainty
+
+
+def test_no_ideal_cylinder_gives_the_papers_pair():
+    """Fits of the law, r the gap or the centre distance, to cylinders of 2 to 12 mm."""
+    misses = []
+    for diameter, height in itertools.product(np.arange(2, 13, 2) * 1e-3, repeat=2):
+        for r in (np.linspace(0, 0.03, 20), np.linspace(height, 0.03, 20)):
+            z = r + height if r[0] == 0 else r
+            found = fit(LAW, r, coaxial_cylinders(z, diameter / 2, height, 1.3), starts=1)
+            misses.append(np.max(np.abs(found.values / [ALPHA, BETA] - 1)))
+    assert min(misses) > 0.35
+
+
+# ---------------------------------------------------------------------------------------------
+# Least squares.
+
+
+@pytest.mark.parametrize("name", ["law", "power", "cylinder", "cuboid"])
+@pytest.mark.parametrize("kind", ["centre", "gap"])
+def test_exact_forces_give_their_parameters_back(name, kind):
+    values = {"law": (ALPHA, BETA), "power": (0.4, 2.7), "cylinder": (1.2, 4e-3, 6e-3),
+              "cuboid": (0.9, 6e-3, 5e-3)}[name]
+    model = models(kind, 1.5e-3, 8e-3)[name]
+    d = np.linspace(8e-3, 40e-3, 20)
+    found = fit(model, d, model.force(d, *values))
+    assert found.values == pytest.approx(values, rel=1e-3)
+    assert np.max(np.abs(found.residuals)) < 1e-6 * found.force[0]
+
+
+def test_gap_and_centre_distance_differ_by_the_inset_or_the_height():
+    gap, centre = models("gap", 1.5e-3), models("centre")
+    assert gap["law"].force(R, ALPHA, BETA) == pytest.approx(
+        centre["law"].force(R + 3e-3, ALPHA, BETA))
+    assert gap["power"].force(R, 1.0, 2.0) == pytest.approx(
+        centre["power"].force(R + 3e-3, 1.0, 2.0))
+    assert gap["cylinder"].force(R, 1.3, 2e-3, 5e-3) == pytest.approx(
+        coaxial_cylinders(R + 5e-3, 2e-3, 5e-3, 1.3))
+    at = np.stack([0 * R, 0 * R, R + 5e-3], axis=-1)
+    assert gap["cuboid"].force(R, 1.3, 4e-3, 5e-3) == pytest.approx(
+        -parallel_cuboids(at, [4e-3, 4e-3, 5e-3], [4e-3, 4e-3, 5e-3], 1.3)[:, 2])
+    with pytest.raises(ValueError, match="must be"):
+        models("edge")
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("absolute", [False, True])
+def test_values_and_covariance_are_those_of_scipys_curve_fit(weighted, absolute):
+    rng = np.random.default_rng(3)
+    sd = 0.02 * TRUE + 1e-3
+    force = TRUE + sd * rng.standard_normal(R.size)
+    found = fit(LAW, R, force, sd if weighted else None, absolute=absolute)
+    values, covariance = curve_fit(
+        LAW.force, R, force, p0=(1e-5, 5e-3), sigma=sd if weighted else None,
+        absolute_sigma=absolute and weighted, method="trf", x_scale=(1e-5, 1e-3), xtol=1e-12,
+        ftol=1e-12)
+    assert found.values == pytest.approx(values, rel=1e-5)
+    assert found.covariance == pytest.approx(covariance, rel=1e-3)
+    assert found.correlation[0, 1] == pytest.approx(
+        covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]), rel=1e-3)
+
+
+def test_only_the_ratios_of_the_uncertainties_count_unless_they_are_absolute():
+    rng = np.random.default_rng(4)
+    force = TRUE * (1 + 0.02 * rng.standard_normal(R.size))
+    one, ten = (fit(LAW, R, force, k * 0.02 * TRUE) for k in (1, 10))
+    assert ten.errors == pytest.approx(one.errors, rel=1e-6)
+    one, ten = (fit(LAW, R, force, k * 0.02 * TRUE, absolute=True) for k in (1, 10))
+    assert ten.errors == pytest.approx(10 * one.errors, rel=1e-6)
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy"])
+def test_a_robust_loss_makes_little_of_an_outlier(loss):
+    rng = np.random.default_rng(5)
+    force = TRUE + 1e-3 * rng.standard_normal(R.size)
+    clean = fit(LAW, R, force)
+    force[5] += 0.1
+    plain, robust = fit(LAW, R, force), fit(LAW, R, force, loss=loss)
+    assert np.all(np.abs(robust.values - clean.values) < 1.5 * clean.errors)
+    assert np.all(np.abs(robust.values - clean.values) < 0.3 * np.abs(plain.values - clean.values))
+    assert np.all(robust.errors < 0.5 * plain.errors)
+    assert np.isnan(robust.aicc)
+    with pytest.raises(ValueError, match="needs loss linear"):
+        interval(robust, "alpha")
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "cauchy"])
+def test_standard_errors_of_a_robust_loss_are_the_scatter_of_its_fits(loss):
+    rng = np.random.default_rng(6)
+    found = [fit(LAW, R, TRUE + 2e-3 * rng.standard_t(3, R.size), loss=loss, starts=1)
+             for _ in range(60)]
+    scatter = np.std([each.values for each in found], axis=0)
+    mean = np.median([each.errors for each in found], axis=0)
+    assert np.all((mean / scatter > 0.7) & (mean / scatter < 1.4))
+
+
+def test_bounds_and_fixed_values_hold():
+    free = fit(LAW, R, TRUE)
+    assert free.values == pytest.approx([ALPHA, BETA], rel=1e-6)
+    bound = fit(LAW, R, TRUE, bounds={"beta": (None, 5e-3)})
+    assert bound.values[1] == pytest.approx(5e-3, rel=1e-6)
+    assert any("upper bound" in doubt for doubt in doubts(bound, {}))
+    fixed = fit(LAW, R, TRUE, fixed={"beta": 5e-3})
+    assert fixed.values[1] == 5e-3
+    assert fixed.errors[1] == 0
+    assert fixed.dof == R.size - 1
+    weight = 1 / (R + 5e-3) ** 2
+    assert fixed.values[0] == pytest.approx(np.sum(weight * TRUE) / np.sum(weight**2), rel=1e-9)
+
+
+def waves(*shapes):
+    """A model with many minima, and the shapes to start from."""
+    return fitting.Model(
+        "waves", "a (2 + sin(k d))",
+        (fitting.Parameter("a", "N", 0, 10), fitting.Parameter("k", "", -100, 100)),
+        lambda d, a, k: a * (2 + np.sin(k * d)), 1, lambda _: [(k,) for k in shapes])
+
+
+def test_several_starts_find_what_one_misses(monkeypatch):
+    best_first = fitting._starts
+    monkeypatch.setattr(fitting, "_starts", lambda *given: best_first(*given)[::-1])
+    d = np.linspace(0.0, 1.0, 30)
+    model = waves(3.0, 10.0, 22.0, 40.0)
+    force = model.force(d, 0.7, 23.0)
+    assert fit(model, d, force, starts=4).values == pytest.approx([0.7, 23.0])
+    assert fit(model, d, force, starts=1).chi2 > 1
+
+
+def test_parameters_that_fit_equally_well_are_counted():
+    model = waves(-5.0, 5.0)
+    even = model._replace(force=lambda d, a, k: a * (2 + np.cos(k * d)))
+    d = np.linspace(0.0, 1.0, 30)
+    found = fit(even, d, even.force(d, 0.7, 5.5) + 0.01 * np.sin(40 * d))
+    assert found.optima == 2
+    assert doubts(found, {})[0].startswith("2 different sets of parameters")
+
+
+def test_what_cannot_be_fitted_is_an_error():
+    for arguments, options, message in (
+            ((LAW, R[:2], TRUE[:2]), {}, "2 points"),
+            ((LAW, R[:5], TRUE), {}, "distance must be 15 finite numbers"),
+            ((LAW, R, TRUE * np.nan), {}, "force must be 15 finite numbers"),
+            ((LAW, R, TRUE, TRUE * 0), {}, "sd must be positive"),
+            ((LAW, R, TRUE), {"fixed": {"alpha": 1, "beta": 1}}, "at least one must be free"),
+            ((LAW, R, TRUE), {"fixed": {"gamma": 1}}, "not a parameter of law"),
+            ((LAW, R, TRUE), {"bounds": {"beta": (1, 0)}}, "rising order"),
+            ((LAW, R, TRUE), {"loss": "absolute"}, "loss must be one of"),
+            ((models()["power"], [0.0, 1.0, 2.0], [3.0, 2.0, 1.0]), {}, "not finite")):
+        with pytest.raises(ValueError, match=message):
+            fit(*arguments, **options)
+    found = fit(LAW, R, TRUE, fixed={"beta": BETA})
+    with pytest.raises(ValueError, match="not a free parameter"):
+        interval(found, "beta")
+    with pytest.raises(ValueError, match="method must be"):
+        interval(found, "alpha", "guess")
+
+
+# ---------------------------------------------------------------------------------------------
+# Intervals.
+
+
+def test_the_profile_of_a_linear_parameter_is_the_normal_interval():
+    rng = np.random.default_rng(7)
+    found = fit(LAW, R, TRUE + 1e-3 * rng.standard_normal(R.size), fixed={"beta": BETA})
+    assert interval(found, "alpha") == pytest.approx(interval(found, "alpha", "normal"), rel=1e-5)
+
+
+def test_at_the_ends_of_a_profile_chi2_has_risen_by_its_threshold():
+    found = ligo(0.5, True)
+    for name in ("alpha", "beta"):
+        for end in interval(found, name):
+            rise = profile(found, name, end) - found.chi2
+            assert rise == pytest.approx((found.quantile(0.95) * found.scale) ** 2, rel=1e-4)
+
+
+def test_a_profile_ends_at_the_bound_that_cuts_it_off():
+    low, high = interval(ligo(1.0, False), "beta")
+    assert low == 0
+    assert 0.1e-2 < high < 0.3e-2
+
+
+def test_bootstrap_and_profile_agree_on_good_data():
+    rng = np.random.default_rng(8)
+    found = fit(LAW, R, TRUE + 1e-3 * rng.standard_normal(R.size))
+    ends = bootstrap(found, number=300)
+    for name in ("alpha", "beta"):
+        low, high = interval(found, name)
+        assert ends[name] == pytest.approx((low, high), abs=0.3 * (high - low))
+    assert bootstrap(found, number=20, seed=1) == bootstrap(found, number=20, seed=1)
+
+
+def test_points_on_the_law_give_an_interval_without_width():
+    found = fit(LAW, R, TRUE)
+    low, high = interval(found, "beta")
+    assert high - low < 1e-6 * BETA
+
+
+NOISE = {  # the noise, whether it is known, and whether it is taken at its word
+    "scaled": (0.03 * TRUE, True, False),
+    "absolute": (0.03 * TRUE, True, True),
+    "unweighted": (np.full(R.size, 3e-3), False, False),
+}
+
+
+def synthetic(case, number, seed):
+    """Fits of as many synthetic sets of 15 points."""
+    sd, known, absolute = NOISE[case]
+    rng = np.random.default_rng(seed)
+    for _ in range(number):
+        yield fit(LAW, R, TRUE + sd * rng.standard_normal(R.size), sd if known else None,
+                  absolute=absolute, starts=1)
+
+
+@pytest.mark.parametrize("case", NOISE)
+def test_intervals_cover_the_truth_in_some_95_of_100_sets(case):
+    """A profile interval holds the truth where chi^2 there is below the threshold."""
+    number, held = 150, np.zeros(2)
+    for found in synthetic(case, number, 11):
+        allowed = (found.quantile(0.95) * found.scale) ** 2
+        held += [profile(found, name, true) - found.chi2 <= allowed
+                 for name, true in (("alpha", ALPHA), ("beta", BETA))]
+    assert np.all((held / number >= 0.9) & (held / number <= 0.99))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", NOISE)
+def test_intervals_cover_the_truth_in_93_to_97_of_100_sets(case):
+    number, held = 1000, np.zeros(2)
+    for found in synthetic(case, number, 12):
+        ends = (interval(found, "alpha"), interval(found, "beta"))
+        held += [low <= true <= high
+                 for (low, high), true in zip(ends, (ALPHA, BETA), strict=True)]
+    assert np.all((held / number >= 0.93) & (held / number <= 0.97)), held / number
+
+
+@pytest.mark.slow
+def test_bootstrap_intervals_cover_the_truth_in_some_95_of_100_sets():
+    number, held = 300, np.zeros(2)
+    for found in synthetic("scaled", number, 13):
+        ends = bootstrap(found, number=199).values()
+        held += [low <= true <= high
+                 for (low, high), true in zip(ends, (ALPHA, BETA), strict=True)]
+    assert np.all((held / number >= 0.92) & (held / number <= 0.98)), held / number
+
+
+# ---------------------------------------------------------------------------------------------
+# Goodness of fit.
+
+
+def test_the_runs_test_counts_all_orders():
+    """Against every order of five positive and four negative residuals."""
+    orders = [[1 if k in up else -1 for k in range(9)]
+              for up in itertools.combinations(range(9), 5)]
+    counts = np.array([1 + sum(a != b for a, b in itertools.pairwise(order)) for order in orders])
+    for order, count in zip(orders[::7], counts[::7], strict=True):
+        found = runs_test(order)
+        assert found.runs == count
+        assert found.expected == pytest.approx(counts.mean())
+        assert found.p_value == pytest.approx(np.mean(counts <= count))
+    assert runs_test([1.0, 2.0, 3.0]).p_value == 1.0
+    assert runs_test(np.resize([1.0, -1.0], 5000)).p_value == pytest.approx(1.0)
+
+
+def test_aicc_prefers_the_model_that_made_the_points():
+    rng = np.random.default_rng(9)
+    d = np.linspace(4e-3, 30e-3, 25)
+    made = models("gap")
+    for name, values in (("law", (ALPHA, BETA)), ("power", (0.05, 1.5)),
+                         ("cylinder", (1.2, 2e-3, 3e-3))):
+        true = made[name].force(d, *values)
+        force = true * (1 + 0.005 * rng.standard_normal(d.size))
+        found = {rival: fit(made[rival], d, force, 0.005 * true)
+                 for rival in ("law", "power", "cylinder")}
+        assert min(found, key=lambda rival: found[rival].aicc) == name
+
+
+def test_aicc_is_burnham_and_andersons():
+    rng = np.random.default_rng(10)
+    sd = 0.01 * TRUE
+    force = TRUE + sd * rng.standard_normal(R.size)
+    known, plain = fit(LAW, R, force, sd, absolute=True), fit(LAW, R, force)
+    assert known.aicc == pytest.approx(known.chi2 + 4 + 12 / 12)
+    assert plain.aicc == pytest.approx(15 * np.log(plain.chi2 / 15) + 6 + 24 / 11)
+    assert fit(LAW, R[:4], force[:4]).aicc == np.inf
+    assert fitting.weights([0.0, 2.0, np.nan]) == pytest.approx(
+        [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1)), 0.0])
+
+
+def test_the_halves_of_points_on_the_law_agree():
+    p = [halves(found).p_value for found in synthetic("scaled", 60, 14)]
+    assert 0 < np.mean(np.array(p) < 0.2) < 0.4
+    assert halves(fit(LAW, R[:4], TRUE[:4] * [1, 1.1, 1, 1.1])) is None
+
+
+def test_parameters_that_the_points_do_not_tell_apart_are_named():
+    """Far away only J^2 R^4 h^2 of a cylinder counts; near one distance only alpha/(r + beta)^2."""
+    rng = np.random.default_rng(15)
+    model = models("gap")["cylinder"]
+    d = np.linspace(0.05, 0.1, 12)
+    force = model.force(d, 1.2, 2e-3, 3e-3) * (1 + 0.02 * rng.standard_normal(d.size))
+    found = fit(model, d, force)
+    assert any("identified" in doubt for doubt in doubts(found, {}))
+    d = np.linspace(0.01, 0.0101, 12)
+    force = LAW.force(d, ALPHA, BETA) * (1 + 0.02 * rng.standard_normal(d.size))
+    found = fit(LAW, d, force)
+    ends = {name: interval(found, name) for name in ("alpha", "beta")}
+    assert any("beta is" in doubt and "identified" in doubt for doubt in doubts(found, ends))
+    good = fit(LAW, R, TRUE * (1 + 0.01 * rng.standard_normal(R.size)))
+    assert doubts(good, {name: interval(good, name) for name in ("alpha", "beta")}) == []
+
+
+# ---------------------------------------------------------------------------------------------
+# The command.
+
+
+def write(path, d, force, sd=None, head=("gap (mm)", "force (N)", "sd (N)")):
+    columns = [d, force] if sd is None else [d, force, sd]
+    lines = [",".join(head[:len(columns)])]
+    lines += [",".join(repr(float(v)) for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder to be in, with good.csv: the paper's law with a little noise."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(16)
+    force = LAW.force(R, ALPHA, BETA) * (1 + 0.01 * rng.standard_normal(R.size))
+    write(tmp_path / "good.csv", 1000 * R - 3, force, 0.01 * force)
+    return tmp_path
+
+
+def run(*arguments):
+    return main(["fit", *map(str, arguments)])
+
+
+def test_the_command_prints_the_fit_and_writes_section_and_picture(here, capsys):
+    assert run("good.csv", "--inset", "1.5mm") == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    for words in ("15 points, gap 0 to 27 mm", "r = gap + 2 x 1.5 mm", "F = alpha / (r + beta)^2",
+                  "alpha", "N mm^2", "chi2/dof", "runs of one sign", "near half", "cylinder",
+                  "dAICc", "written: fits/good-law/magnet.toml, fits/good-law/fit.png"):
+        assert words in out
+    assert "warning" not in out
+    assert sorted(path.name for path in (here / "fits" / "good-law").iterdir()) == [
+        "fit.png", "magnet.toml"]
+    assert imread(here / "fits" / "good-law" / "fit.png").shape[:2] == (1000, 1100)
+    assert max(map(len, out.splitlines())) < 120
+
+
+def test_the_written_section_is_one_that_a_scene_reads(here):
+    assert run("good.csv", "--inset", "1.5mm") == 0
+    text = (here / "fits" / "good-law" / "magnet.toml").read_text()
+    scene = tbsa.parse('[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n' + text)
+    data = read("good.csv")
+    found = fit(models("gap", 1.5e-3)["law"], data.distance, data.force, data.sd)
+    assert (scene.magnet.alpha, scene.magnet.beta) == pytest.approx(found.values, rel=1e-5)
+    assert scene.magnet.inset == 1.5e-3
+    assert scene.magnet.alpha == pytest.approx(ALPHA, rel=0.05)
+
+
+def test_a_scene_gets_the_fitted_magnet_and_keeps_every_other_line(here):
+    text = (ROOT / "paper_runs" / "shaking.toml").read_text()
+    (here / "scene.toml").write_text(text)
+    before = tbsa.load("scene.toml")
+    assert run("good.csv", "--inset", "1mm", "--scene", "scene.toml") == 0
+    after = tbsa.load("scene.toml")
+    assert after.magnet.inset == 1e-3
+    assert after.magnet.alpha == pytest.approx(ALPHA, rel=0.1)
+    assert after.magnet.alpha != ALPHA
+    assert replace(after, magnet=before.magnet) == before
+    changed = [(old, new) for old, new in zip(
+        text.splitlines(), (here / "scene.toml").read_text().splitlines(), strict=True)
+        if old != new]
+    assert [old.split()[0] for old, _ in changed] == ["alpha", "beta", "inset"]
+
+
+@pytest.mark.parametrize("section", ["", "[magnet]\n", "[magnet]\nmismatch = 0  # nothing\n"])
+def test_a_scene_without_the_values_gets_them(here, section):
+    scene = f'[tiles]\nset = "chessboard"\n{section}[seed]\nshape = "L"\narm = 2\n'
+    (here / "scene.toml").write_text(scene.replace("\n", "\r\n"), newline="")
+    assert run("good.csv", "--inset", "1.5mm", "--scene", "scene.toml") == 0
+    magnet = tbsa.load("scene.toml").magnet
+    assert magnet.alpha == pytest.approx(ALPHA, rel=0.05)
+    assert magnet.mismatch == (0 if "mismatch" in section else -1)
+    assert b"\n" not in (here / "scene.toml").read_bytes().replace(b"\r\n", b"")
+
+
+def test_a_write_that_breaks_off_leaves_the_scene_as_it_was(here, monkeypatch, capsys):
+    text = (ROOT / "paper_runs" / "shaking.toml").read_text()
+    (here / "scene.toml").write_text(text)
+
+    def broken(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", broken)
+    assert run("good.csv", "--inset", "1mm", "--scene", "scene.toml") == 1
+    assert "No space left" in capsys.readouterr().err
+    assert (here / "scene.toml").read_text() == text
+    assert [path.name for path in here.rglob("*") if path.is_file()
+            and path.name not in ("scene.toml", "good.csv")] == []
+
+
+def test_the_ligo_data_on_the_command_line(here, capsys):
+    assert run(LIGO, "--inset", "0mm", "--range", "0.5cm:", "--unweighted") == 0
+    out = capsys.readouterr().out
+    assert "13 of 17 points" in out
+    assert re.search(r"alpha +3\.68 +0\.46 .* N cm\^2", out)
+    assert re.search(r"beta +0\.543 +0\.084 .* cm", out)
+    assert run(LIGO, "--inset", "0mm", "--range", "0.5cm:") == 0
+    out = capsys.readouterr().out
+    assert re.search(r"alpha +2\.29 +0\.20 .* N cm\^2", out)
+    assert re.search(r"beta +0\.165 +0\.060 .* cm", out)
+    assert "chi2/dof 142" in out
+    assert "warning: the law model is local" in out
+    assert "warning: the residuals have a pattern" in out
+    assert "warning: the cylinder model describes these points far better" in out
+
+
+def test_the_readme_shows_what_the_command_prints(tmp_path, monkeypatch, capsys):
+    command, shown = re.search(r"```sh\ntbsa (fit .*)\n```\n\n```text\n(.*?)```",
+                               (ROOT / "README.md").read_text(), re.DOTALL).groups()
+    monkeypatch.chdir(ROOT)
+    assert main([*command.split(), "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.startswith(shown)
+
+
+@given(st.sampled_from(["mm", "cm", "m"]), st.sampled_from(["N", "mN", "g"]),
+       st.sampled_from(["N", "mN", "g"]), st.sampled_from(["{} ({})", "{} [{}]", "{}_{}"]),
+       st.permutations([0, 1, 2]))
+@settings(deadline=None, max_examples=40)
+def test_units_brackets_and_order_of_columns_do_not_matter(tmp_path_factory, length, force, sd,
+                                                          form, order):
+    sizes = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
+    columns = [R / sizes[length], TRUE / sizes[force], 0.01 * TRUE / sizes[sd]]
+    head = [form.format("centre", length), form.format("Force", force), form.format("sd", sd)]
+    path = tmp_path_factory.mktemp("units") / "data.csv"
+    write(path, *(columns[k] for k in order), head=[head[k] for k in order])
+    data = read(path)
+    assert data.kind == "centre"
+    assert data.distance == pytest.approx(R, rel=1e-12)
+    assert data.force == pytest.approx(TRUE, rel=1e-12)
+    assert data.sd == pytest.approx(0.01 * TRUE, rel=1e-12)
+
+
+def test_comments_blank_lines_a_byte_order_mark_and_quotes_are_read(here):
+    (here / "odd.csv").write_bytes(
+        b'\xef\xbb\xbf# magnets, measured today\r\n\r\n"centre distance (mm)", force (mN)\r\n'
+        b' 3 , 200\r\n"5",150\r\n# a remark\r\n9, 1e2\r\n\r\n')
+    data = read("odd.csv")
+    assert data.distance == pytest.approx([3e-3, 5e-3, 9e-3])
+    assert data.force == pytest.approx([0.2, 0.15, 0.1])
+    assert data.sd is None
+
+
+def test_a_column_called_distance_needs_to_be_told(here, capsys):
+    write(here / "d.csv", 1000 * R, TRUE, head=("distance (mm)", "force (N)"))
+    assert run("d.csv") == 2
+    assert "--distance: is missing; must be gap" in capsys.readouterr().err
+    assert run("d.csv", "--distance", "centre", "--out", "a") == 0
+    assert "r between the magnets' centres" in capsys.readouterr().out
+    assert run("d.csv", "--distance", "gap", "--inset", "1mm", "--out", "b") == 0
+    alpha, beta = (re.search(rf"{name} = (\S+)", (here / folder / "magnet.toml").read_text())[1]
+                   for name, folder in (("beta", "a"), ("beta", "b")))
+    assert float(alpha) - float(beta) == pytest.approx(2e-3, rel=1e-4)
+
+
+def test_known_dimensions_go_to_every_model_that_has_them(here, capsys):
+    model = models("gap")["cylinder"]
+    write(here / "c.csv", 1000 * R, model.force(R, 1.21, 2e-3, 3e-3))
+    assert run("c.csv", "--inset", "1.5mm", "--model", "cylinder", "--fix", "height=3mm",
+               "--fix", "radius=2mm") == 0
+    out = capsys.readouterr().out
+    assert "fixed" in out
+    assert re.search(r"polarisation +1\.21 ", out)
+    assert re.search(r"cuboid .* height 3 mm", out)
+    assert not (here / "fits" / "c-cylinder" / "magnet.toml").exists()
+
+
+@pytest.mark.parametrize("options", [
+    ["--loss", "huber", "--range", ":2cm"], ["--absolute", "--bound", "beta=:1cm"],
+    ["--interval", "bootstrap", "--fix", "beta=6.4mm"], ["--model", "power", "--unweighted"]])
+def test_every_option_gives_a_fit(here, capsys, options):
+    assert run("good.csv", "--inset", "1.5mm", *options) == 0
+    assert re.search(r"(alpha|force) +[\d.]+ +[\d.]+ +[\d.]+ to [\d.]+", capsys.readouterr().out)
+
+
+def test_a_law_that_no_scene_takes_is_fitted_but_not_written(here, capsys):
+    """Repulsion at no distance must be finite: beta = 0 needs an inset."""
+    write(here / "square.csv", [10, 20, 30, 40], [4.0, 1.0, 0.44, 0.25])
+    assert run("square.csv", "--inset", "0mm", "--fix", "beta=0") == 0
+    assert "warning: a scene does not take this law" in capsys.readouterr().out
+    assert not (here / "fits" / "square-law" / "magnet.toml").exists()
+
+
+def test_an_earlier_section_does_not_outlive_a_fit_that_has_none(here):
+    write(here / "square.csv", [10, 20, 30, 40], [4.0, 1.0, 0.44, 0.25])
+    assert run("square.csv", "--inset", "1mm", "--fix", "beta=0") == 0
+    assert (here / "fits" / "square-law" / "magnet.toml").exists()
+    assert run("square.csv", "--inset", "0mm", "--fix", "beta=0") == 0
+    assert not (here / "fits" / "square-law" / "magnet.toml").exists()
+
+
+def test_the_python_functions_do_what_the_command_does(here, capsys):
+    assert run("good.csv", "--inset", "1.5mm") == 0
+    shown = capsys.readouterr().out
+    result = work.fit(read("good.csv"), inset="1.5mm")
+    assert work.describe(result) in shown
+    assert work.section(result) == (here / "fits" / "good-law" / "magnet.toml").read_text()
+
+
+# ---------------------------------------------------------------------------------------------
+# What is refused.
+
+
+def contents(folder):
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def refused(capsys, here, *arguments):
+    """The one line with which the command refuses its input, having written nothing."""
+    before = contents(here)
+    capsys.readouterr()
+    assert run(*arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("tbsa: ")
+    assert err.count("\n") == 1, err
+    assert contents(here) == before
+    return err
+
+
+H = "gap (mm),force (N),sd (N)\n"
+ROWS = "1,3,0.1\n2,2,0.1\n3,1,0.1\n"
+BAD = [  # (name, bytes of the file, what the message must say)
+    ("an empty file", b"", "is empty; must be a header like  gap (mm),force (N),sd (N)"),
+    ("only comments", b"# nothing\n\n", "is empty"),
+    ("a wrong header", b"x,y\n1,2\n", "line 1: 'x' must be a header like"),
+    ("no header", b"1,3\n2,2\n3,1\n", "line 1: '1' must be a header like"),
+    ("no force", b"gap (mm),sd (N)\n1,2\n", "line 1: 'gap (mm),sd (N)' must be a header like"),
+    ("two kinds of distance", b"gap (mm),centre (mm),force (N)\n1,2,3\n", "must be a header like"),
+    ("no units", b"gap,force\n1,2\n", "line 1: 'gap' must have its unit, one of mm, cm, m"),
+    ("one unit missing", b"gap (mm),force\n1,2\n", "'force' must have its unit, one of N, mN, g"),
+    ("an unknown unit", b"gap (in),force (N)\n1,2\n", "'gap (in)' must have its unit"),
+    ("a unit of another kind", b"gap (N),force (mm)\n1,2\n", "'gap (N)' must have its unit"),
+    ("a column twice", b"gap (mm),force (N),force (mN)\n1,2,3\n",
+     "'force (mN)' must be the only column of force"),
+    ("semicolons", b"gap (mm);force (N)\n1,5;2\n", "must be separated by commas"),
+    ("tabs", b"gap (mm)\tforce (N)\n1\t2\n", "must be separated by commas"),
+    ("semicolons in the rows", (H + "1;3;0.1\n").encode(), "line 2: must have 3 values"),
+    ("decimal commas", b"gap (mm),force (N)\n1,5,2\n", "line 2: must have 2 values"),
+    ("a short row", (H + ROWS + "4,1\n").encode(), "line 5: must have 3 values, as the header"),
+    ("words", (H + ROWS + "four,1,0.1\n").encode(),
+     "line 5, gap: 'four' must be a number from 0 to 10000 mm"),
+    ("NaN", (H + ROWS + "4,nan,0.1\n").encode(), "line 5, force: 'nan' must be a number"),
+    ("infinity", (H + ROWS + "inf,1,0.1\n").encode(), "line 5, gap: 'inf' must be a number"),
+    ("an empty cell", (H + ROWS + "4,,0.1\n").encode(), "line 5, force: '' must be a number"),
+    ("underscores", (H + ROWS + "1_0,1,0.1\n").encode(), "line 5, gap: '1_0' must be a number"),
+    ("a negative distance", (H + "-1,4,0.1\n" + ROWS).encode(),
+     "line 2, gap: '-1' must be a number from 0"),
+    ("a distance of the moon", b"gap (m),force (N)\n1,3\n2,2\n384400000,1\n",
+     "line 4, gap: '384400000' must be a number from 0 to 10 m"),
+    ("no uncertainty", (H + ROWS + "4,1,0\n").encode(),
+     "line 5, sd: '0' must be a number from 1e-12"),
+    ("a negative uncertainty", (H + ROWS + "4,1,-1\n").encode(), "sd: '-1' must be a number from"),
+    ("a certainty", (H + "4,1,1e-300\n").encode(), "sd: '1e-300' must be a number from 1e-12"),
+    ("no force", b"gap (mm),force (N)\n1,3e-200\n2,2e-200\n3,1e-200\n", "N on average; must be"),
+    ("no points", H.encode(), "rows: 0 points; must be at least 3"),
+    ("two points", (H + "1,3,1\n2,2,1\n").encode(), "rows: 2 points; must be at least 3"),
+    ("two distances", (H + "1,3,1\n2,2,1\n2,1,1\n").encode(),
+     "gap: 2 different values; must be at least 3"),
+    ("constant force", (H + "1,2,1\n2,2,1\n3,2,1\n").encode(),
+     "force: 2.0 N at every distance; must fall"),
+    ("forces with a sign", b"gap (mm),force (N)\n1,-3\n2,-2\n3,-1\n",
+     "force: -2.0 N on average; must be at least"),
+    ("a force that rises", b"gap (mm),force (N)\n1,1\n2,2\n3,3\n4,4\n", "must fall"),
+    ("a picture", b"\x89PNG\r\n\x1a\n\x00\x00", "must be a CSV file in UTF-8"),
+    ("zeros", b"\x00" * 50, "must be a CSV file: it holds a NUL"),
+    ("UTF-16", "gap (mm),force (N)\n".encode("utf-16"), "must be a CSV file in UTF-8"),
+    ("an open quote", (H + '"1,3,0.1\n').encode(), "line 2: '\"1,3,0.1' must be comma-separated"),
+    ("too many points", (H + "1,2,3\n" * 10_001).encode(), "10001 points; must be at most 10000"),
+]
+
+
+@pytest.mark.parametrize(("content", "message"), [bad[1:] for bad in BAD],
+                         ids=[bad[0] for bad in BAD])
+def test_a_bad_file_is_one_clear_error(here, capsys, content, message):
+    (here / "bad.csv").write_bytes(content)
+    err = refused(capsys, here, "bad.csv", "--inset", "1.5mm")
+    assert "bad.csv: " in err
+    assert message in err
+
+
+def test_a_file_that_cannot_be_read_is_one_clear_error(here, capsys):
+    assert "absent.csv: must be a CSV file that can be read: No such file" in refused(
+        capsys, here, "absent.csv", "--inset", "0mm")
+    (here / "folder").mkdir()
+    assert "Is a directory" in refused(capsys, here, "folder", "--inset", "0mm")
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ([], "--inset: is missing; must be how deep the magnets' centres lie"),
+    (["--inset", "1.5"], "--inset: '1.5' must be a number with its unit, mm, cm, m"),
+    (["--inset", "deep"], "--inset: 'deep' must be a number with its unit"),
+    (["--inset=-1mm"], "--inset: '-1mm' must be a length from 0"),
+    (["--inset", "1mm", "--distance", "centre"], "--distance: 'centre' must be gap, as the header"),
+    (["--inset", "1mm", "--range", "5mm"], "--range: '5mm' must be two distances, LOW:HIGH"),
+    (["--inset", "1mm", "--range", "5:8"], "--range: '5' must be a number with its unit"),
+    (["--inset", "1mm", "--range", "26mm:"], "--range: '26mm:' leaves 1 of 15 points"),
+    (["--inset", "1mm", "--range", "9mm:1mm"], "leaves 0 of 15 points"),
+    (["--inset", "1mm", "--fix", "gamma=1mm"], "--fix: 'gamma=1mm' must be NAME=VALUE"),
+    (["--inset", "1mm", "--fix", "beta"], "must be NAME=VALUE, the name one of alpha, beta"),
+    (["--inset", "1mm", "--fix", "beta=5"], "--fix beta: '5' must be a number with its unit"),
+    (["--inset", "1mm", "--fix", "beta=-5mm"], "must be from 0 to 10 m"),
+    (["--inset", "1mm", "--fix", "alpha=nanNm2"], "must be a number with its unit"),
+    (["--inset", "1mm", "--fix", "beta=1mm", "--bound", "beta=:2mm"], "the only --fix or --bound"),
+    (["--inset", "1mm", "--fix", "beta=1mm", "--fix", "alpha=1Nmm2"], "cannot be fitted: all"),
+    (["--inset", "1mm", "--bound", "beta=1mm"], "must be NAME=LOW:HIGH"),
+    (["--inset", "1mm", "--bound", "beta=2mm:1mm"], "must be in rising order"),
+    (["--inset", "0mm", "--model", "power"], "--model: 'power' cannot be fitted"),
+    (["--inset", "1mm", "--loss", "huber", "--interval", "profile"], "--interval: 'profile'"),
+    (["--inset", "1mm", "--unweighted", "--fix", "exponent=two"], "'two' must be a number"),
+    (["--inset", "1mm", "--out", "good.csv"], "--out: 'good.csv' must be a folder"),
+    (["--inset", "1mm", "--scene", "absent.toml"], "absent.toml: must be a TOML file"),
+    (["--inset", "1mm", "--scene", "good.csv"], "good.csv: must be valid TOML"),
+    (["--inset", "16mm", "--scene", "scene.toml"], "magnet.inset: 0.016 must be a number from 0"),
+    (["--inset", "1mm", "--scene", "inline.toml"], "magnet: must be a table of its own"),
+    (["--inset", "1mm", "--model", "power", "--scene", "scene.toml"], "--model: 'power' must be"),
+])
+def test_a_bad_option_is_one_clear_error(here, capsys, options, message):
+    scene = '[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n'
+    (here / "scene.toml").write_text(scene)
+    (here / "inline.toml").write_text("magnet = {mismatch = 0}\n" + scene)
+    assert message in refused(capsys, here, "good.csv", *options)
+
+
+def test_words_that_are_not_options_are_refused_with_the_choices(here, capsys):
+    for options in (["--model", "dipole"], ["--loss", "l1"], ["--unweighted", "--absolute"]):
+        with pytest.raises(SystemExit) as end:
+            run("good.csv", "--inset", "1mm", *options)
+        assert end.value.code == 2
+    assert "not allowed with" in capsys.readouterr().err
+
+
+def test_uncertainties_that_are_not_there_cannot_be_absolute(here, capsys):
+    write(here / "bare.csv", 1000 * R, TRUE)
+    assert "--absolute: must be left out" in refused(
+        capsys, here, "bare.csv", "--inset", "1mm", "--absolute")
+
+
+@given(st.floats(1e-6, 1e3), st.sampled_from(["mm", "cm", "m"]), st.sampled_from(["", " "]))
+@settings(deadline=None, max_examples=50)
+def test_a_quantity_is_its_number_times_its_unit(number, unit, space):
+    size = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[unit]
+    assert quantity(f"{number!r}{space}{unit}", "m", "--x") == pytest.approx(number * size)
+    assert quantity("0", "m", "--x") == 0
+
+
+def test_the_command_is_listed(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    assert "fit a magnet model" in capsys.readouterr().out

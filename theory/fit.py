@@ -1,0 +1,624 @@
+"""Nonlinear least squares of magnet models to force-distance measurements.
+
+The models are the paper's law F = alpha/(r + beta)^2, a power law, and the exact forces of
+coaxial cylinders and of cuboids (:mod:`theory.permanent`).  The law is an approximation over a
+range of distances, not the force of any magnet; :func:`halves`, :func:`runs_test` and chi^2 tell
+how local a fit is.  SI units; forces are sizes, positive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq, least_squares
+from scipy.special import gammaln
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import f as f_distribution
+from scipy.stats import norm
+from scipy.stats import t as t_distribution
+
+from theory.permanent import coaxial_cylinders, parallel_cuboids
+
+Floats = NDArray[np.float64]
+Interval = tuple[float, float]
+
+REFERENCE = 0.01  # m, where the power law's amplitude is taken
+SHAPES = (0.03, 0.1, 0.3, 1.0, 3.0)  # starts of a length, in largest distances
+
+
+class Parameter(NamedTuple):
+    """A parameter of a model and the values that it may take."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+class Model(NamedTuple):
+    """A force law with parameters, of which the first is an amplitude: F ~ first^power."""
+
+    name: str
+    formula: str
+    parameters: tuple[Parameter, ...]
+    force: Callable[..., Floats]  # of the measured distance and the parameters
+    power: int
+    shapes: Callable[[float], list[tuple[float, ...]]]
+    """Starts of the other parameters, given the largest distance."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameters)
+
+
+def models(distance: str = "centre", inset: float = 0.0,
+           nearest: float = math.inf) -> dict[str, Model]:
+    """The models, for distances measured in a given way.
+
+    Parameters
+    ----------
+    distance
+        ``"centre"``: measured between the magnets' centres.  ``"gap"``: the clearance between
+        the bodies that hold them.  The law and the power law then have r = gap + 2 `inset`; of
+        the exact models, whose faces are taken to be flush, r = gap + height.
+    inset
+        From the surface that a gap is measured to, to the magnet's centre (m).
+    nearest
+        The smallest centre distance (m), which no height may exceed.
+
+    Raises
+    ------
+    ValueError
+        Where `distance` is neither.
+    """
+    if distance not in ("centre", "gap"):
+        raise ValueError(f'distance must be "centre" or "gap", not {distance!r}')
+    gap = distance == "gap"
+    offset = 2 * inset if gap else 0.0
+    tallest = 0.1 if gap else min(0.1, nearest)
+
+    def law(d: Floats, alpha: float, beta: float) -> Floats:
+        return alpha / (d + offset + beta) ** 2
+
+    def power_law(d: Floats, force: float, exponent: float) -> Floats:
+        return force * ((d + offset) / REFERENCE) ** -exponent
+
+    def cylinder(d: Floats, polarisation: float, radius: float, height: float) -> Floats:
+        return coaxial_cylinders(d + height if gap else d, radius, height, polarisation)
+
+    def cuboid(d: Floats, polarisation: float, side: float, height: float) -> Floats:
+        size = (side, side, height)
+        z = d + height if gap else d
+        at = np.stack((np.zeros_like(z), np.zeros_like(z), z), axis=-1)
+        return -parallel_cuboids(at, size, size, polarisation)[..., 2]
+
+    def body(far: float) -> list[tuple[float, ...]]:
+        return [(a * far, min(h * far, 0.9 * tallest)) for a in SHAPES[:4] for h in SHAPES[:4]]
+
+    polarisation = Parameter("polarisation", "T", 0.0, 2.0)
+    height = Parameter("height", "m", 1e-4, tallest)
+    made = (
+        Model("law", "alpha / (r + beta)^2",
+              (Parameter("alpha", "N m^2", 0.0, 10.0), Parameter("beta", "m", 0.0, 10.0)),
+              law, 1, lambda far: [(b * far,) for b in SHAPES]),
+        Model("power", "force / (r / 1 cm)^exponent",
+              (Parameter("force", "N", 0.0, 1e6), Parameter("exponent", "", 0.0, 10.0)),
+              power_law, 1, lambda far: [(float(n),) for n in (1, 2, 3, 4)]),
+        Model("cylinder", "coaxial cylinders, exact",
+              (polarisation, Parameter("radius", "m", 1e-4, 0.1), height), cylinder, 2, body),
+        Model("cuboid", "cuboids of square section, exact",
+              (polarisation, Parameter("side", "m", 1e-4, 0.1), height), cuboid, 2, body),
+    )
+    return {model.name: model for model in made}
+
+
+LOSSES: dict[str, tuple[float, Callable[[Floats], Floats], Callable[[Floats], Floats]]] = {
+    # tuning constant (scales of the residuals), rho' and rho'' of the squared residual, as SciPy's
+    "linear": (1.0, np.ones_like, np.zeros_like),
+    "soft_l1": (1.345, lambda z: (1 + z) ** -0.5, lambda z: -0.5 * (1 + z) ** -1.5),
+    "huber": (1.345, lambda z: np.where(z > 1, np.maximum(z, 1) ** -0.5, 1.0),
+              lambda z: np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
+    "cauchy": (2.385, lambda z: 1 / (1 + z), lambda z: -1 / (1 + z) ** 2),
+}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.  Arrays over parameters are in the order of the model's parameters."""
+
+    model: Model
+    distance: Floats  # m
+    force: Floats  # N
+    sd: Floats | None  # N
+    low: Floats
+    high: Floats
+    free: NDArray[np.bool_]
+    loss: str
+    absolute: bool  # the uncertainties are taken at their word
+    values: Floats
+    unit: Floats  # the size of each parameter, for steps
+    threshold: float = 1.0  # of the robust loss, in uncertainties
+    optima: int = 1  # different minima of the same depth that the starts led to
+
+    @property
+    def weight(self) -> Floats:
+        """1/uncertainty (1/N); 1 where none are given."""
+        return np.ones_like(self.force) if self.sd is None else 1 / self.sd
+
+    def predict(self, distance: ArrayLike) -> Floats:
+        """The fitted force (N) at measured distances (m)."""
+        return self.model.force(np.asarray(distance, float), *self.values)
+
+    @property
+    def residuals(self) -> Floats:
+        """Measured minus fitted (N)."""
+        return self.force - self.predict(self.distance)
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the residuals in uncertainties; in N^2 where there are none."""
+        return float(np.sum((self.weight * self.residuals) ** 2))
+
+    @property
+    def dof(self) -> int:
+        return self.force.size - int(self.free.sum())
+
+    @property
+    def p_value(self) -> float:
+        """How often chi^2 would be as large if the model and the uncertainties were right."""
+        return math.nan if self.sd is None else float(chi2_distribution.sf(self.chi2, self.dof))
+
+    @property
+    def scale(self) -> float:
+        """The scatter, in uncertainties: 1 if these are absolute, else sqrt(chi^2/dof)."""
+        if self.absolute:
+            return 1.0
+        if self.loss != "linear":
+            return _median_scale(self)
+        return math.sqrt(self.chi2 / self.dof)
+
+    def quantile(self, level: float) -> float:
+        """Half width of an interval of that level in standard errors.
+
+        Of Student's t, or of the normal distribution where the scatter is not estimated.
+        """
+        tail = 0.5 + 0.5 * level
+        return float(norm.ppf(tail) if self.absolute else t_distribution.ppf(tail, self.dof))
+
+    @property
+    def jacobian(self) -> Floats:
+        """Derivatives of the force by the free parameters, over the uncertainties."""
+        columns = []
+        for k in np.flatnonzero(self.free):
+            step = 1e-5 * max(abs(self.values[k]), 1e-3 * self.unit[k])
+            ends = np.clip(self.values[k] + np.array([-step, step]), self.low[k], self.high[k])
+            below, above = (self.model.force(self.distance, *_put(self.values, k, end))
+                            for end in ends)
+            columns.append(self.weight * (above - below) / (ends[1] - ends[0]))
+        return np.stack(columns, axis=1)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of all parameters; zero for fixed ones, infinite where they cannot be told.
+
+        scale^2 (J^T J)^-1; for a robust loss with Huber's correction (Robust Statistics, 7.6).
+        """
+        unit = self.unit[self.free]
+        _, singular, vt = np.linalg.svd(self.jacobian * unit, full_matrices=False)
+        k = int(self.free.sum())
+        cov = np.zeros((self.values.size, self.values.size))
+        if singular[-1] <= 1e-9 * singular[0]:
+            inner = np.full((k, k), np.inf)
+        else:
+            inner = (vt.T / singular**2) @ vt * np.outer(unit, unit) * _spread(self) ** 2
+        cov[np.ix_(self.free, self.free)] = inner
+        return cov
+
+    @property
+    def errors(self) -> Floats:
+        """Standard errors of the parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of the free parameters."""
+        e = self.errors[self.free]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.covariance[np.ix_(self.free, self.free)] / np.outer(e, e))
+
+    @property
+    def aicc(self) -> float:
+        """Akaike's criterion, corrected for few points (Burnham and Anderson 2002).
+
+        To be compared between models of the same points, uncertainties and kind of `scale`;
+        NaN for a robust loss, which has no likelihood, and infinite with too few points.
+        """
+        n, k = self.force.size, int(self.free.sum()) + (not self.absolute)
+        if self.loss != "linear":
+            return math.nan
+        if n - k - 1 <= 0:
+            return math.inf
+        least = np.finfo(float).eps ** 2 * float(np.sum((self.weight * self.force) ** 2))
+        deviance = self.chi2 if self.absolute else n * math.log(max(self.chi2, least) / n)
+        return deviance + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+
+
+def fit(
+    model: Model,
+    distance: ArrayLike,
+    force: ArrayLike,
+    sd: ArrayLike | None = None,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    loss: str = "linear",
+    absolute: bool = False,
+    starts: int = 4,
+) -> Fit:
+    """Fit a model by nonlinear least squares.
+
+    Parameters
+    ----------
+    model
+        One of :func:`models`.
+    distance, force
+        Measurements (m, N), shape (n,).
+    sd
+        Standard deviations of the forces (N), shape (n,); the weights are 1/sd^2.
+    fixed, bounds
+        Parameters that are known, and limits for the others (None: the model's own), by name.
+    loss
+        ``"linear"``, or ``"soft_l1"``, ``"huber"``, ``"cauchy"`` against outliers; their
+        threshold follows from the median of the residuals.
+    absolute
+        Take `sd` at its word.  Otherwise only its ratios count, and standard errors are scaled
+        by sqrt(chi^2/dof).
+    starts
+        How many starts to follow; each has the best amplitude for one shape of the curve.
+
+    Raises
+    ------
+    ValueError
+        No more points than free parameters, values that are not finite, uncertainties that are
+        not positive, unknown names, or a model that is not finite at these distances.
+    """
+    d, f = np.asarray(distance, float), np.asarray(force, float)
+    s = None if sd is None else np.asarray(sd, float)
+    for name, array in (("distance", d), ("force", f), ("sd", s)):
+        if array is not None and (array.shape != (f.size,) or not np.all(np.isfinite(array))):
+            raise ValueError(f"{name} must be {f.size} finite numbers in a row")
+    if s is not None and np.any(s <= 0):
+        raise ValueError("sd must be positive")
+    known, given = dict(fixed or {}), dict(bounds or {})
+    if loss not in LOSSES:
+        raise ValueError(f"loss must be one of {', '.join(LOSSES)}, not {loss!r}")
+    for name in (*known, *given):
+        if name not in model.names:
+            raise ValueError(f"{name} is not a parameter of {model.name}, which has "
+                             f"{', '.join(model.names)}")
+    free = np.array([name not in known for name in model.names])
+    if not free.any():
+        raise ValueError("all parameters are fixed; at least one must be free")
+    if f.size <= free.sum():
+        raise ValueError(f"{f.size} points; {free.sum()} free parameters need at least "
+                         f"{free.sum() + 1}")
+    limits = [given.get(p.name, (None, None)) for p in model.parameters]
+    low = np.array([p.low if a is None else a
+                    for p, (a, _) in zip(model.parameters, limits, strict=True)])
+    high = np.array([p.high if b is None else b
+                     for p, (_, b) in zip(model.parameters, limits, strict=True)])
+    for k, name in enumerate(model.names):
+        if not low[k] < high[k]:
+            raise ValueError(f"the bounds of {name}, {low[k]:g} and {high[k]:g}, "
+                             "must be in rising order")
+    zero = np.zeros(len(model.names))
+    empty = Fit(model, d, f, s, low, high, free, "linear", absolute and s is not None, zero,
+                np.ones_like(zero))
+    found = [_solve(replace(empty, values=start, unit=np.maximum(np.abs(start), 1e-300)))
+             for start in _starts(empty, known)[:starts]]
+    best = min(found, key=lambda each: each.chi2)
+    alike = [each for each in found if each.chi2 <= best.chi2 * (1 + 1e-6)]
+    different: list[Fit] = []
+    for each in alike:
+        if all(np.any(np.abs(each.values - other.values)
+                      > 1e-2 * np.maximum(np.abs(other.values), 0.1 * other.unit))
+               for other in different):
+            different.append(each)
+    best = replace(best, optima=len(different))
+    if loss == "linear":
+        return best
+    best, tuning = replace(best, loss=loss), LOSSES[loss][0]
+    for _ in range(30):  # the threshold and the fit depend on each other
+        scale = 1.0 if best.absolute else _median_scale(best)
+        if scale == 0 or abs(tuning * scale - best.threshold) <= 1e-6 * best.threshold:
+            break
+        best = _solve(replace(best, threshold=tuning * scale))
+    return best
+
+
+def _starts(problem: Fit, known: Mapping[str, float]) -> list[Floats]:
+    """Starting values, the best first; each with the least-squares amplitude."""
+    model, weight = problem.model, problem.weight
+    ranked: list[tuple[float, Floats]] = []
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for shape in model.shapes(float(np.max(problem.distance))):
+            start = np.array([1.0, *shape])
+            start = np.array([known.get(name, value)
+                              for name, value in zip(model.names, start, strict=True)])
+            inner = 1e-9 * (problem.high - problem.low)
+            start = np.where(problem.free,
+                             np.clip(start, problem.low + inner, problem.high - inner), start)
+            if problem.free[0]:
+                unit = weight * model.force(problem.distance, 1.0, *start[1:])
+                amplitude = np.sum(unit * weight * problem.force) / np.sum(unit**2)
+                start[0] = np.clip(max(amplitude, 0.0) ** (1 / model.power),
+                                   problem.low[0] + inner[0], problem.high[0] - inner[0])
+            chi2 = replace(problem, values=start).chi2
+            if np.isfinite(chi2) and not any(np.array_equal(start, other) for _, other in ranked):
+                ranked.append((chi2, start))
+    if not ranked:
+        raise ValueError(f"{model.formula} is not finite at the measured distances")
+    return [start for _, start in sorted(ranked, key=lambda each: each[0])]
+
+
+def _put(values: Floats, k: Any, value: float) -> Floats:
+    changed = values.copy()
+    changed[k] = value
+    return changed
+
+
+def _solve(problem: Fit) -> Fit:
+    """The minimum that `problem.values` leads to."""
+    free, unit, weight = problem.free, problem.unit[problem.free], problem.weight
+    values = problem.values.copy()
+
+    def residuals(x: Floats) -> Any:
+        values[free] = x * unit
+        return weight * (problem.model.force(problem.distance, *values) - problem.force)
+
+    low, high = problem.low[free] / unit, problem.high[free] / unit
+    start = np.clip(problem.values[free] / unit, low, high)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if not np.all(np.isfinite(residuals(start))):
+            return problem
+        result = least_squares(residuals, start, bounds=(low, high), x_scale="jac",
+                               loss=problem.loss, f_scale=problem.threshold, ftol=1e-12,
+                               xtol=1e-12, gtol=None, max_nfev=300)
+        values[free] = result.x * unit
+        for bound in (problem.low, problem.high):  # the method only comes near them
+            close = free & (np.abs(values - bound) <= 1e-9 * problem.unit)
+            if close.any() and np.all(np.isfinite(problem.model.force(
+                    problem.distance, *np.where(close, bound, values)))):
+                values = np.where(close, bound, values)
+    return replace(problem, values=values)
+
+
+def _median_scale(fit: Fit) -> float:
+    """Scatter of the residuals in uncertainties, from their median: outliers do not count."""
+    return float(1.4826 * np.median(np.abs(fit.weight * fit.residuals))
+                 * math.sqrt(fit.force.size / fit.dof))
+
+
+def _spread(fit: Fit) -> float:
+    """What the standard errors are scaled by, in uncertainties."""
+    if fit.loss == "linear":
+        return fit.scale
+    _, first, second = LOSSES[fit.loss]
+    res = fit.weight * fit.residuals
+    z = (res / fit.threshold) ** 2
+    n, k = res.size, fit.free.sum()
+    slope = first(z) + 2 * z * second(z)
+    mean = float(np.mean(slope))
+    correction = 1 + k / n * float(np.var(slope)) / mean**2
+    return float(correction * math.sqrt(np.sum((res * first(z)) ** 2) / fit.dof) / abs(mean))
+
+
+# ---------------------------------------------------------------------------------------------
+# Intervals.
+
+
+def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
+             number: int = 999, seed: int = 1) -> Interval:
+    """Confidence interval of one parameter.
+
+    Parameters
+    ----------
+    method
+        ``"profile"``: the values at which the least chi^2 over the other parameters exceeds
+        its minimum by (t scale)^2 (Bates and Watts, Nonlinear Regression, 1988, 6.1); needs
+        loss ``"linear"``.  An end that the bounds cut off is the bound.  ``"bootstrap"``:
+        :func:`bootstrap`.  ``"normal"``: value -+ t standard errors.
+    level, number, seed
+        Probability; number and random seed of the bootstrap.
+
+    Raises
+    ------
+    ValueError
+        An unknown or fixed parameter or an unknown method; a profile of a robust loss.
+    """
+    if name not in fit.model.names or not fit.free[fit.model.names.index(name)]:
+        raise ValueError(f"{name} is not a free parameter of this fit")
+    k = fit.model.names.index(name)
+    if method == "bootstrap":
+        return bootstrap(fit, level, number, seed)[name]
+    t = fit.quantile(level)
+    if method == "normal":
+        half = t * fit.errors[k]
+        return float(fit.values[k] - half), float(fit.values[k] + half)
+    if method != "profile":
+        raise ValueError(f"method must be profile, bootstrap or normal, not {method!r}")
+    if fit.loss != "linear":
+        raise ValueError("a profile needs loss linear: a robust loss has no likelihood")
+    return _profile(fit, k, t, -1), _profile(fit, k, t, +1)
+
+
+def profile(fit: Fit, name: str, value: float) -> float:
+    """The least chi^2 over the other free parameters with one of them held at `value`."""
+    return _held(fit, fit.model.names.index(name), value).chi2
+
+
+def _held(fit: Fit, k: int, value: float) -> Fit:
+    others = fit.free & (np.arange(fit.free.size) != k)
+    held = replace(fit, values=_put(fit.values, k, value), free=others)
+    return _solve(held) if held.free.any() else held
+
+
+def _profile(fit: Fit, k: int, t: float, side: int) -> float:
+    """Where the profile of parameter k passes its threshold; the bound if it does not before."""
+    limit = fit.low[k] if side < 0 else fit.high[k]
+    allowed = (t * fit.scale) ** 2
+    if allowed <= 1e-20 * float(np.sum((fit.weight * fit.force) ** 2)):
+        return float(fit.values[k])  # the model goes through every point
+    last = fit
+
+    def excess(value: float) -> float:
+        nonlocal last
+        held = _held(last, k, value)
+        with np.errstate(divide="ignore"):
+            above = held.chi2 - fit.chi2
+        if not np.isfinite(above):  # no force there, as at r + beta = 0
+            return 1e3
+        last = held
+        return math.sqrt(max(above, 0.0) / allowed) - 1
+
+    error = fit.errors[k]
+    step = t * (error if np.isfinite(error) and error > 0 else 0.1 * fit.unit[k])
+    inner, outer = float(fit.values[k]), float(fit.values[k])
+    for _ in range(60):
+        outer = inner + side * step
+        outer = max(outer, limit) if side < 0 else min(outer, limit)
+        if excess(outer) > 0:
+            break
+        if outer == limit:
+            return float(limit)
+        inner, step = outer, 1.6 * step
+    else:
+        return float(limit)
+    return float(brentq(excess, inner, outer, xtol=1e-7 * abs(outer - inner), rtol=1e-7))
+
+
+def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
+              seed: int = 1) -> dict[str, Interval]:
+    """Intervals of all free parameters by the studentised bootstrap of the residuals.
+
+    Residuals over sqrt(1 - leverage), centred, are drawn again for every point, in units of its
+    uncertainty (Davison and Hinkley, Bootstrap Methods, 1997, 6.2 and 7.3).
+    """
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(fit.jacobian * fit.unit[fit.free])
+    drawn = fit.weight * fit.residuals / np.sqrt(np.maximum(1 - np.sum(q**2, axis=1), 1e-12))
+    drawn -= drawn.mean()
+    mean, use = fit.predict(fit.distance), fit.free
+    value, error = fit.values[use], fit.errors[use]
+    pivots = []
+    for _ in range(number):
+        again = _solve(replace(fit, force=mean + rng.choice(drawn, drawn.size) / fit.weight))
+        spread = error if fit.absolute else again.errors[use]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pivots.append((again.values[use] - value) / spread)
+    ends = np.nanquantile(pivots, [0.5 + 0.5 * level, 0.5 - 0.5 * level], axis=0)
+    low, high = np.clip(value - ends * error, fit.low[use], fit.high[use])
+    names = [name for name, free in zip(fit.model.names, use, strict=True) if free]
+    return {name: (float(low[k]), float(high[k])) for k, name in enumerate(names)}
+
+
+# ---------------------------------------------------------------------------------------------
+# How good a fit is.
+
+
+class Runs(NamedTuple):
+    """Runs of residuals of one sign, in the order of the distances."""
+
+    runs: int
+    expected: float
+    p_value: float
+
+
+def runs_test(residuals: ArrayLike) -> Runs:
+    """How often independent residuals would have as few runs of one sign, or fewer.
+
+    The exact distribution, given the numbers of either sign (Wald and Wolfowitz 1940); zeros are
+    left out.  `residuals` are in the order of the distances.
+    """
+    signs = np.sign(np.asarray(residuals, float))
+    signs = signs[signs != 0]
+    a, b = int(np.sum(signs > 0)), int(np.sum(signs < 0))
+    if a == 0 or b == 0:
+        return Runs(int(signs.size > 0), float(signs.size > 0), 1.0)
+    runs = 1 + int(np.sum(signs[1:] != signs[:-1]))
+
+    r = np.arange(2, runs + 1)
+    half = r // 2
+    total = _log_choose(a + b, a)
+
+    def share(k: Any, m: Any) -> Any:
+        """Orders in k + 1 blocks of the one sign and m + 1 of the other, of all orders."""
+        return np.exp(_log_choose(a - 1, k) + _log_choose(b - 1, m) - total)
+
+    few = np.where(r % 2, share(half, half - 1) + share(half - 1, half),
+                   2 * share(half - 1, half - 1))
+    return Runs(runs, 1 + 2 * a * b / (a + b), min(1.0, float(np.sum(few))))
+
+
+def _log_choose(n: int, k: Any) -> Any:
+    """log of n over k; -inf where k > n."""
+    return gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
+
+
+class Halves(NamedTuple):
+    """The same model fitted to the near and to the far half of the points."""
+
+    near: Fit
+    far: Fit
+    p_value: float  # how often one law for both would seem as wrong by chance
+
+
+def halves(fit: Fit) -> Halves | None:
+    """Whether one set of parameters does for all distances: Chow's test.
+
+    None where a half would have no more points than parameters, and for a robust loss.
+    """
+    order = np.argsort(fit.distance, kind="stable")
+    k = int(fit.free.sum())
+    parts = np.array_split(order, 2)
+    if fit.loss != "linear" or min(len(np.unique(fit.distance[part])) for part in parts) <= k:
+        return None
+    near, far = (_solve(replace(fit, distance=fit.distance[part], force=fit.force[part],
+                                sd=None if fit.sd is None else fit.sd[part])) for part in parts)
+    rest = near.dof + far.dof
+    both = max(near.chi2 + far.chi2, 1e-300)
+    ratio = (max(fit.chi2 - both, 0.0) / k) / (both / rest)
+    return Halves(near, far, float(f_distribution.sf(ratio, k, rest)))
+
+
+def doubts(fit: Fit, intervals: Mapping[str, Interval]) -> list[str]:
+    """What speaks against taking the parameters at their word: one sentence each."""
+    found = []
+    if fit.optima > 1:
+        found.append(f"{fit.optima} different sets of parameters fit equally well")
+    for k, (name, unit, _, _) in enumerate(fit.model.parameters):
+        if not fit.free[k]:
+            continue
+        value, error = fit.values[k], fit.errors[k]
+        limits = {"lower": fit.low[k], "upper": fit.high[k]}
+        ends = [end for end, limit in limits.items() if abs(value - limit) <= 1e-6 * fit.unit[k]]
+        found += [f"{name} is at its {end} bound, {limits[end]:g} {unit}".rstrip() for end in ends]
+        low, high = intervals.get(name, (value, value))
+        if not np.isfinite(error) or high >= fit.high[k] or (k == 0 and low <= fit.low[k]):
+            found.append(f"{name} is not identified: these data do not bound it")
+        elif not ends and error > 0.5 * abs(value):
+            found.append(f"{name} is weakly identified: its standard error is "
+                         f"{100 * error / abs(value):.0f} % of it")
+    return found
+
+
+def weights(criteria: Sequence[float]) -> list[float]:
+    """Akaike weights of models from their criteria; NaN has none."""
+    values = np.asarray(criteria, float)
+    likelihood = np.exp(-0.5 * (values - np.nanmin(values)))
+    return [float(w) for w in np.nan_to_num(likelihood / np.nansum(likelihood))]

@@ -1,0 +1,118 @@
+"""Exact forces between two uniformly magnetised permanent magnets.
+
+A uniform magnetisation along z is two sheets of magnetic charge, +J on the upper and -J on the
+lower face (J: polarisation, T), and two charges q_a, q_b (Wb) a distance r apart push each other
+by q_a q_b/(4 pi mu_0 r^2).  Ideal magnets: no demagnetisation, no saturation, no play.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.constants import mu_0
+from scipy.special import ellipe, ellipkm1
+
+Floats = NDArray[np.float64]
+
+
+def discs(gap: ArrayLike) -> Floats:
+    """S(g) of two coaxial equal discs of charge, their gap g in radii: F = pi R^2 J^2 S/mu_0.
+
+    S = integral of J_1(q)^2 exp(-g q)/q over q from 0 to infinity; 1/2 at g = 0, 1/(4 g^2) far
+    away.  Near in complete elliptic integrals (Vokoun et al., J. Magn. Magn. Mater. 321 (2009)
+    3758); far by the midpoint rule on a form without cancellation, whose error falls
+    exponentially with the number of points.  To 1e-14 of S.
+    """
+    g = np.atleast_1d(np.asarray(gap, float))
+    close = np.clip(g, 1e-100, 1.0)
+    p = np.hypot(2.0, close)
+    near = 0.5 - close * p / (2 * np.pi) * (ellipkm1((close / p) ** 2) - ellipe((2 / p) ** 2))
+    t = (np.arange(24) + 0.5) * (np.pi / 48)
+    far = np.maximum(g, 1.0)[..., None]
+    reach = np.hypot(far, 2 * np.sin(t))
+    s = np.mean(np.sin(2 * t) ** 2 / (reach * (reach + far)), axis=-1)
+    return np.asarray(np.where(g < 1, near, s).reshape(np.shape(gap)))
+
+
+def coaxial_cylinders(distance: ArrayLike, radius: float, height: float | tuple[float, float],
+                      polarisation: float = 1.3) -> Floats:
+    """Attraction of two coaxial cylinders of equal radius, magnetised alike along their axis (N).
+
+    Parameters
+    ----------
+    distance
+        Of the centres (m), any shape; at least the mean of the heights.
+    radius, height
+        m; `height` may be a pair.
+    polarisation
+        J of both (T), the remanence of an ideal magnet.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `distance`; magnets turned against each other repel by as much.
+
+    Raises
+    ------
+    ValueError
+        Where the cylinders would overlap.
+    """
+    h = np.broadcast_to(np.asarray(height, float), 2)
+    gap = np.asarray(distance, float) - h.mean()
+    if np.any(gap < -1e-12 * h.mean()):
+        raise ValueError(f"distance must be at least the mean height, {h.mean():g} m")
+    gap = np.maximum(gap, 0.0)
+    ends = np.array([0.0, h[0], h[1], h.sum()])  # from pole to pole, beyond the gap
+    s = discs((gap[..., None] + ends) / radius) @ np.array([1.0, -1.0, -1.0, 1.0])
+    return np.asarray(np.pi * radius**2 * polarisation**2 / mu_0 * s)
+
+
+def parallel_cuboids(distance: ArrayLike, size_a: ArrayLike, size_b: ArrayLike,
+                     polarisation: float = 1.3) -> Floats:
+    """Force of cuboid a on cuboid b, edges parallel, both magnetised along +z (N).
+
+    Parameters
+    ----------
+    distance
+        From the centre of a to that of b (m), shape (..., 3).
+    size_a, size_b
+        Edges along x, y and z (m), shape (3,).
+    polarisation
+        J of both (T).
+
+    Returns
+    -------
+    ndarray
+        Fx, Fy, Fz of the shape of `distance`; attracted along z is negative.  The sum of 64
+        terms cancels: relative error about 1e-16 (distance/size)^6.
+
+    Notes
+    -----
+    Akoun and Yonnet, IEEE Trans. Magn. 20 (1984) 1962.
+    """
+    d = np.asarray(distance, float)
+    half_a, half_b = 0.5 * np.asarray(size_a, float), 0.5 * np.asarray(size_b, float)
+    signs = np.array(list(product((-1.0, 1.0), repeat=6)))
+    corner = d[..., None, :] + signs[:, :3] * half_b - signs[:, 3:] * half_a
+    u, v, w = np.moveaxis(corner, -1, 0)
+    r = np.sqrt(u * u + v * v + w * w)
+    log_u, log_v = _log(r, u, v * v + w * w), _log(r, v, u * u + w * w)
+    # atan(u v/(r w)).  It jumps where two faces touch: the bodies then are on either side.
+    touch = np.abs(w) <= 1e-12 * (half_a[2] + half_b[2])
+    side = np.where(touch, d[..., 2, None], w) < 0
+    angle = np.arctan2(np.where(side, -u, u) * v, r * np.where(touch, 0.0, np.abs(w)))
+    parts = np.stack((
+        0.5 * (v * v - w * w) * log_u + u * v * log_v + v * w * angle + 0.5 * r * u,
+        0.5 * (u * u - w * w) * log_v + u * v * log_u + u * w * angle + 0.5 * r * v,
+        -u * w * log_u - v * w * log_v + u * v * angle - r * w))
+    total = np.moveaxis(parts @ np.prod(signs, axis=1), 0, -1)
+    return np.asarray(polarisation**2 / (4 * np.pi * mu_0) * total)
+
+
+def _log(r: Any, u: Any, rest: Any) -> Any:
+    """log(r - u) with r^2 = u^2 + rest, without cancellation; 0 where its factors vanish too."""
+    value = np.where(u > 0, rest / np.where(u > 0, r + u, 1.0), r - u)
+    return np.log(np.where(value > 0, value, 1.0))
