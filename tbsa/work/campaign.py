@@ -21,6 +21,7 @@ process was asked to stop or that its successor found it dead, its workers save 
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import math
 import multiprocessing
@@ -532,7 +533,7 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: dict[str, tuple[str,
             "tiles": each.tiles, "fingerprint": each.mark,
             "version": info["version"] if info else None, "status": status, "message": message}
         if done and info:
-            frame = pd.read_csv(_folder(out, each) / "metrics.csv", float_precision="round_trip")
+            frame = pd.DataFrame(_read_csv(_folder(out, each) / "metrics.csv"))
             row |= {str(name): frame[name].iloc[-1] for name in frame}
             row |= {f"mean_{name}": _mean(frame[name]) for name in MEANS}
             row |= _counted(info["counts"], each.scene.material.width)
@@ -551,6 +552,18 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: dict[str, tuple[str,
             ("wall", pd.DataFrame(walls, columns=["run", "wall", "time"]))):
         write_atomically(out / f"{name}.csv", frame.to_csv(index=False).encode())
     return table
+
+
+def _read_csv(path: Path) -> list[dict[str, Any]]:
+    """Rows of a table of numbers, to the last bit; pandas' own reader may be off by one."""
+    def number(text: str) -> Any:
+        if text in ("True", "False"):
+            return text == "True"
+        return int(text) if text.lstrip("-").isdigit() else float(text or "nan")
+
+    with open(path, newline="", encoding="utf-8") as file:
+        return [{name: number(text) for name, text in row.items()}
+                for row in csv.DictReader(file)]
 
 
 def _failures(path: Path) -> dict[str, tuple[str, str]]:
