@@ -246,6 +246,14 @@ def test_arguments_that_cannot_be_are_refused(here, capsys, arguments, words):
     assert contents(here) == before
 
 
+def test_the_readmes_campaign_is_valid(here):
+    (text,) = [block for block in re.findall(
+        r"^```toml\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+        if "[[group]]" in block]
+    shutil.copytree(ROOT / "paper_runs", here / "paper_runs")
+    assert len(planned(text)) == 4 * 2 * 2 + 4 * 2
+
+
 def test_the_papers_campaign_is_36_seeds_of_each_drive():
     plan = read_plan(ROOT / "paper_runs" / "campaign.toml")
     assert len(plan) == 72
@@ -534,6 +542,7 @@ def under_way(out):
 @pytest.mark.parametrize("send", [
     os.killpg,  # as a terminal does, to the workers too
     pytest.param(os.kill, marks=pytest.mark.slow),  # as a script does
+    pytest.param(lambda process, _: os.kill(process, signal.SIGTERM), marks=pytest.mark.slow),
 ])
 def test_ctrl_c_saves_every_run_and_says_how_to_go_on(here, long, send):
     child = begun(here, "--jobs", "2")
@@ -718,6 +727,14 @@ def test_a_lock_is_waited_for(here):
         order.append("taken")
     holder.join()
     assert order == ["held", "let go", "taken"]
+
+
+def test_without_locks_a_run_goes_on_and_a_campaign_is_refused(here, capsys, monkeypatch):
+    monkeypatch.setattr(records, "_flock", lambda _: None)
+    assert records.run(load("scene.toml"), "run").finished
+    assert main(["campaign", "campaign.toml", "--out", "out"]) == 2
+    assert "must be on a file system with locks (flock)" in capsys.readouterr().err
+    assert not Path("out/campaign.json").exists()
 
 
 def test_shares_are_done_by_processes_of_their_own_at_the_same_time(here, long):

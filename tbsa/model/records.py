@@ -316,7 +316,8 @@ class Busy(InputError):
 
 
 @contextlib.contextmanager
-def locked(path: Path, *, create: bool = True, wait: float = 0.0) -> Iterator[None]:
+def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool = True
+           ) -> Iterator[None]:
     """Hold a file locked against other processes; a process that dies lets go of it.
 
     Parameters
@@ -327,16 +328,16 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0) -> Iterator[No
         Make it if it is not there; without, a file that cannot be opened is not locked.
     wait
         How long to wait (s) for another to let go.
+    needed
+        Refuse a system without locks; else go on unlocked there.
 
     Raises
     ------
     Busy
         Where another process holds it.
-
-    Notes
-    -----
-    ``flock``, which network file systems pass on if they are mounted with locks.  A file system
-    or an operating system without it does not lock.
+    InputError
+        Where it cannot be locked: ``flock`` is of POSIX systems, and network file systems pass
+        it on if they are mounted so.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | (os.O_CREAT if create else 0), 0o666)
@@ -347,7 +348,12 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0) -> Iterator[No
         return
     try:
         end = time.monotonic() + wait
-        while not _flock(descriptor):
+        while (held := _flock(descriptor)) is not True:
+            if held is None and needed:
+                raise InputError("must be on a file system with locks (flock)",
+                                 file=str(path.parent))
+            if held is None:
+                break
             if time.monotonic() >= end:
                 raise Busy("is in use: another process is at work on it", file=str(path.parent))
             time.sleep(0.05)
@@ -356,17 +362,18 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0) -> Iterator[No
         os.close(descriptor)
 
 
-def _flock(descriptor: int) -> bool:
+def _flock(descriptor: int) -> bool | None:
+    """Whether the lock was got; None where there are no locks."""
     if sys.platform == "win32":
-        return True
+        return None
     import fcntl
 
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks
-        return True
+    except OSError:
+        return None
     return True
 
 
@@ -427,7 +434,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
         except OSError as error:
             raise InputError(f"must be a folder that can be made: {error.strerror}",
                              file=str(folder)) from None
-    with locked(folder / "records.npy", create=not resume):
+    with locked(folder / "records.npy", create=not resume, needed=False):
         if resume:
             info = _read_info(folder)
             if info["fingerprint"] != mark:
