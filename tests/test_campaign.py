@@ -842,6 +842,7 @@ def test_workers_that_always_die_end_it_with_a_message(here, monkeypatch):
     with pytest.raises(RuntimeError, match="workers died, the runs that are done are kept"):
         campaign("campaign.toml", "out", jobs=1)
     assert list(Path("out/.locks/sessions").iterdir()) == []
+    assert set(pd.read_csv("out/table.csv")["status"]) == {"waiting"}
 
 
 def _dead():

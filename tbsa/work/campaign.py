@@ -62,6 +62,7 @@ POLL = 0.2  # s between looks at the workers
 PATIENCE = 60.0  # s that a worker waits for one of a dead campaign to save and let go of a run
 LIVES = 3  # times that a pool may break without a run done in between
 DONE, FAILED, STOPPED, WAITING = "done", "failed", "stopped", "waiting"
+Outcomes = dict[str, tuple[str, str]]  # of runs by name: how they ended, and why if they failed
 
 
 @dataclass(frozen=True)
@@ -120,11 +121,14 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
             stop.patient = False  # it may have to compile for half a minute
             _compile(left, str(path))
             stop.patient = True
+        outcomes: Outcomes = {}
         with _session(out, plan, mine, str(path), resume) as session:
-            outcomes = _do(left, out, session, executor, jobs, stop,
-                           _Bar(out, mine, left, progress))
-        with locked(out / LOCKS / "plan", wait=PATIENCE):
-            table = _write_tables(out, plan, outcomes)
+            try:
+                _do(left, out, session, executor, jobs, stop, _Bar(out, mine, left, progress),
+                    outcomes)
+            finally:
+                with locked(out / LOCKS / "plan", wait=PATIENCE):
+                    table = _write_tables(out, plan, outcomes)
     failed = sum(status == FAILED for status, _ in outcomes.values())
     undone = sum(not _is_done(out, each) for each in mine)
     return Result(table, len(mine) - undone, failed, undone - failed)
@@ -379,13 +383,12 @@ def _in_pool() -> None:
 
 
 def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None,
-        jobs: int | None, stop: Stop, bar: _Bar) -> dict[str, tuple[str, str]]:
-    """Have the runs done; how those ended that did."""
+        jobs: int | None, stop: Stop, bar: _Bar, ended: Outcomes) -> None:
+    """Have the runs done; `ended` is told how those ended that did."""
     home = out.resolve()
     todo = {each.name: Job(
         replace(each.scene, file=str(Path(each.scene.file).resolve())), _folder(home, each),
         home / LOCKS / each.name.replace("/", "."), session.resolve()) for each in left}
-    ended: dict[str, tuple[str, str]] = {}
     lives = LIVES
     with bar:
         while todo and not stop.asked:
@@ -399,7 +402,6 @@ def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None
                 if executor is not None or not lives:
                     raise RuntimeError(f"workers died, the runs that are done are kept; go on "
                                        f"with --resume ({error})") from error
-    return ended
 
 
 @contextlib.contextmanager
@@ -415,7 +417,7 @@ def _pool(executor: Executor | None, processes: int) -> Iterator[Executor]:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _hand_out(workers: Executor, todo: dict[str, Job], ended: dict[str, tuple[str, str]],
+def _hand_out(workers: Executor, todo: dict[str, Job], ended: Outcomes,
               session: Path, stop: Stop, bar: _Bar) -> None:
     """Submit all, longest first, and take back what is done, until all is or a stop is asked."""
     with _deaf():
@@ -487,7 +489,7 @@ class _Bar:
     def __exit__(self, *_: object) -> None:
         self.bar.close()
 
-    def show(self, ended: dict[str, tuple[str, str]]) -> None:
+    def show(self, ended: Outcomes) -> None:
         """Move the bar to where the runs' records are."""
         if self.bar.disable:
             return
@@ -499,7 +501,7 @@ class _Bar:
                                  + f", {failed} failed" * bool(failed), refresh=False)
         self.bar.refresh()
 
-    def _under_way(self, ended: dict[str, tuple[str, str]]) -> float:
+    def _under_way(self, ended: Outcomes) -> float:
         """Of the runs not ended: what is done, by the size of their records."""
         done = 0.0
         for each in self.left:
@@ -515,8 +517,7 @@ class _Bar:
 # The tables.
 
 
-def _write_tables(out: Path, plan: list[Planned], outcomes: dict[str, tuple[str, str]]
-                  ) -> pd.DataFrame:
+def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.DataFrame:
     """table.csv, curves.csv and wall.csv, from the folders of the runs."""
     import pandas as pd
 
@@ -566,7 +567,7 @@ def _read_csv(path: Path) -> list[dict[str, Any]]:
                 for row in csv.DictReader(file)]
 
 
-def _failures(path: Path) -> dict[str, tuple[str, str]]:
+def _failures(path: Path) -> Outcomes:
     """The failed runs of an earlier table; another share's process may have written it."""
     import pandas as pd
 
