@@ -380,6 +380,25 @@ def test_the_longest_run_is_handed_out_first(here):
     assert order == [8.0, 4.0, 4.0, 4.0, 4.0]
 
 
+def test_of_runs_broken_off_the_one_with_most_left_is_handed_out_first(here, whole):
+    class Noting(Executor):
+        def submit(self, function, job):
+            order.append(job.scene.run.seed)
+            future = Future()
+            future.set_result(("done", ""))
+            return future
+
+    order = []
+    shutil.copytree(whole, "out")
+    for path in Path("out/runs").glob("*/*/metrics.csv"):
+        path.unlink()
+    (other,) = Path("out/runs/other").glob("*/run.json")
+    for path, at in ((other, 7.0), (next(Path("out/runs/map").glob("2-*/run.json")), 1.0)):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"time": at}))
+    campaign("campaign.toml", "out", executor=Noting(), resume=True)
+    assert order[:2] == [2, 7]  # 3 s of 4, 1 s of 8, and three runs that lack their metrics only
+
+
 def test_the_bar_shows_all_runs_and_the_time_left(here, whole, capsys, monkeypatch):
     shutil.copytree(whole, "out")
     shutil.rmtree("out/runs/other")
@@ -444,7 +463,7 @@ def test_what_an_executor_raises_is_a_failed_run(here):
     assert result.table["message"].iloc[-1] == "RuntimeError: worker died 3 times"
 
 
-def test_a_disk_that_fills_up_loses_nothing(here, whole, monkeypatch):
+def test_a_disk_that_fills_up_loses_nothing(here, whole):
     left, sync = 12, os.fsync
 
     def full(descriptor):
@@ -454,11 +473,10 @@ def test_a_disk_that_fills_up_loses_nothing(here, whole, monkeypatch):
             raise OSError(errno.ENOSPC, "No space left on device", "/some/where")
         sync(descriptor)
 
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):  # not even for the table
-        done("campaign.toml", "out")
-    monkeypatch.undo()
-    os.chdir(here)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space left"):  # not even for the table
+            done("campaign.toml", "out")
     assert not Path("out/table.csv").exists()
     assert len(list(Path("out/runs").glob("*/*/run.json"))) >= 1
     assert done("campaign.toml", "out", resume=True).done == 5
@@ -587,6 +605,7 @@ def alive(group):
     return False
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_no_more_than_its_checkpoint(here, long):
     child = begun(here, "--jobs", "1")
     until(lambda: under_way("out"))

@@ -113,7 +113,8 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
     plan = read_plan(path)
     mine = share(plan, part)
     new = _against(plan, _stored(out, resume), str(path))
-    left = [each for each in mine if not _is_done(out, each)]
+    left = sorted((each for each in mine if not _is_done(out, each)),
+                  key=lambda each: -each.cost * (1.0 - _reached(out, each)))
     for each in _first_of_each(new, lambda each: replace(each.scene, run=Run())):
         _fits(each, str(path))
     with interrupts() as stop:
@@ -247,6 +248,12 @@ def _is_done(out: Path, each: Planned) -> bool:
         return False
     end = each.scene.run.duration - 0.6 * each.scene.solver.step / each.scene.solver.substeps
     return bool(info.get("fingerprint") == each.mark and info["time"] >= end)
+
+
+def _reached(out: Path, each: Planned) -> float:
+    """What share of the run's duration is done."""
+    info = _info(out, each)
+    return min(info["time"] / each.scene.run.duration, 1.0) if info else 0.0
 
 
 @contextlib.contextmanager
