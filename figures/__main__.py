@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 
@@ -22,15 +23,22 @@ def main(names: list[str]) -> int:
     code = 0
     for name in names or SCRIPTS:
         script = import_module(f"figures.{name}")
-        missing = [str(path) for path in script.DATA if not Path(path).exists()]
+        missing = [path for path in script.DATA if not Path(path).exists()]
         if missing:
-            print(f"{name}: left out, needs {', '.join(missing)}")
+            print(f"{name}: left out, needs {_shown(missing)}")
             code = 1 if names else 0
             continue
         with look():
             paths = save(script.make(), name)
-        print(f"{name}: {', '.join(str(path.relative_to(HERE.parent)) for path in paths)}")
+        print(f"{name}: {_shown(paths)}")
     return code
+
+
+def _shown(paths: Iterable[Path]) -> str:
+    """Paths as seen from the folder of the project."""
+    root = HERE.parent
+    return ", ".join(str(path.relative_to(root) if path.is_relative_to(root) else path)
+                     for path in paths)
 
 
 if __name__ == "__main__":

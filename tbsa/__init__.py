@@ -29,6 +29,7 @@ _HOME = {
     "run": "tbsa.model.records",
     "read_run": "tbsa.model.records",
     "assembly": "tbsa.work.metrics",
+    "campaign": "tbsa.work.campaign",
     "table": "tbsa.work.metrics",
     "draw": "tbsa.work.draw",
 }
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from tbsa.model.scene import parse as parse
     from tbsa.model.simulation import Simulation as Simulation
     from tbsa.model.simulation import SimulationError as SimulationError
+    from tbsa.work.campaign import campaign as campaign
     from tbsa.work.draw import draw as draw
     from tbsa.work.metrics import assembly as assembly
     from tbsa.work.metrics import table as table

@@ -31,9 +31,16 @@ class InputError(ValueError):
         value: Any = _absent,
     ) -> None:
         self.message, self.file, self.field = message, file, field
+        if value is not self._absent:
+            self.value = value
         where = ": ".join(part for part in (file, field) if part)
         what = message if value is self._absent else f"{_short(value)} {message}"
         super().__init__(f"{where}: {what}" if where else what)
+
+    @property
+    def without_file(self) -> str:
+        """The sentence without the file's name, which differs between machines."""
+        return str(self).removeprefix(f"{self.file}: ") if self.file else str(self)
 
 
 def _short(value: Any) -> str:

@@ -353,6 +353,17 @@ def test_progress_is_told_of_every_record(scene, tmp_path):
     assert [moment for moment, new in told if new] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
 
 
+def test_progress_can_end_the_run_which_is_saved(scene, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(records, "GLANCE", 1e-5)
+    folder = tmp_path / "ended"
+    outcome = records.run(scene, folder, progress=lambda running, _: running.time >= 1.3)
+    assert not outcome.finished
+    assert 1.3 <= outcome.simulation.time < 3.0
+    assert json.loads((folder / "run.json").read_text())["time"] == outcome.simulation.time
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
 def test_the_scene_in_the_folder_is_complete(scene, whole):
     copy = load(whole / "scene.toml")
     assert replace(copy, file="") == replace(scene, file="")

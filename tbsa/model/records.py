@@ -19,6 +19,7 @@ import io
 import json
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -38,6 +39,8 @@ FORMAT = 1
 FIELDS = ("x", "y", "angle", "vx", "vy", "omega")
 # Wall time between looks at progress and Ctrl-C (s).
 GLANCE = 0.25
+# Counters of what a process has done, not of the run: they differ where a run was broken off.
+OF_PROCESS = ("lists",)
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
 
 
 def _kept(simulation: Simulation) -> list[str]:
-    return [name for name in simulation.counts._fields if name != "lists"]
+    return [name for name in simulation.counts._fields if name not in OF_PROCESS]
 
 
 def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
@@ -301,17 +304,83 @@ class Outcome:
 
 
 @dataclass
-class _Stop:
+class Stop:
     """What Ctrl-C or SIGTERM asks for."""
 
     asked: bool = False
     patient: bool = True  # the first one only asks; else, and the second time, it breaks off
 
 
+class Busy(InputError):
+    """Another process is at work on the same files."""
+
+
 @contextlib.contextmanager
-def _interrupts() -> Iterator[_Stop]:
+def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool = True
+           ) -> Iterator[None]:
+    """Hold a file locked against other processes; a process that dies lets go of it.
+
+    Parameters
+    ----------
+    path
+        The file; what is in it does not matter.
+    create
+        Make it if it is not there; without, a file that cannot be opened is not locked.
+    wait
+        How long to wait (s) for another to let go.
+    needed
+        Refuse a system without locks; else go on unlocked there.
+
+    Raises
+    ------
+    Busy
+        Where another process holds it.
+    InputError
+        Where it cannot be locked: ``flock`` is of POSIX systems, and network file systems pass
+        it on if they are mounted so.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | (os.O_CREAT if create else 0), 0o666)
+    except OSError:
+        if create:
+            raise
+        yield
+        return
+    try:
+        end = time.monotonic() + wait
+        while (held := _flock(descriptor)) is not True:
+            if held is None and needed:
+                raise InputError("must be on a file system with locks (flock)",
+                                 file=str(path.parent))
+            if held is None:
+                break
+            if time.monotonic() >= end:
+                raise Busy("is in use: another process is at work on it", file=str(path.parent))
+            time.sleep(0.05)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _flock(descriptor: int) -> bool | None:
+    """Whether the lock was got; None where there are no locks."""
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+@contextlib.contextmanager
+def interrupts() -> Iterator[Stop]:
     """Note Ctrl-C and SIGTERM, instead of being broken off in the middle."""
-    stop = _Stop()
+    stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
@@ -330,7 +399,7 @@ def _interrupts() -> Iterator[_Stop]:
 
 
 def run(scene: Scene, folder: str | Path, *, resume: bool = False,
-        progress: Callable[[Simulation, bool], None] | None = None) -> Outcome:
+        progress: Callable[[Simulation, bool], object] | None = None) -> Outcome:
     """Run a scene into a folder, to its duration or to Ctrl-C.
 
     Parameters
@@ -343,43 +412,59 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
         Go on from the folder's checkpoint, to the same bits as without the break.
     progress
         Called every quarter of a second or so, with the simulation and whether a record has
-        just been written.
+        just been written.  A true answer saves and ends the run, as Ctrl-C does.
 
     Raises
     ------
     InputError
         Where the folder holds a run already, or a checkpoint that cannot be resumed.
+    Busy
+        Where another process is at work on the folder.
     SimulationError
         Where the scene cannot be simulated.
     KeyboardInterrupt
         At a second Ctrl-C, or at one during compilation: the last checkpoint stands.
     """
-    folder, mark = Path(folder), fingerprint(scene)
-    if resume:
-        info = _read_info(folder)
-        if info["fingerprint"] != mark:
-            raise InputError(f"was written for another scene or seed: this one has {mark[:12]}",
-                             file=str(folder / "run.json"), field="fingerprint",
-                             value=info["fingerprint"][:12])
-        simulation = Simulation(scene, _read_layout(folder, scene))
-        load_checkpoint(folder / "checkpoint.npz", simulation, mark)
-        earlier = info["wall"]
-    else:
-        if folder.exists() and not folder.is_dir():
-            raise InputError("is a file, not a folder", file=str(folder))
-        if (folder / "run.json").exists():
-            raise InputError("holds a run already: resume it (--resume) or name another (--out)",
-                             file=str(folder))
-        if folder.exists() and any(folder.iterdir()):
-            raise InputError("must be a new or an empty folder", file=str(folder))
-        simulation, earlier = Simulation(scene), 0.0
-    with _interrupts() as stop:
-        return _write_run(folder, simulation, mark, earlier, resume, progress, stop)
+    folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
+    if not resume:
+        _check_new(folder)
+        simulation = Simulation(scene)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"must be a folder that can be made: {error.strerror}",
+                             file=str(folder)) from None
+    with locked(folder / "records.npy", create=not resume, needed=False):
+        if resume:
+            info = _read_info(folder)
+            if info["fingerprint"] != mark:
+                raise InputError(
+                    f"was written for another scene or seed: this one has {mark[:12]}",
+                    file=str(folder / "run.json"), field="fingerprint",
+                    value=info["fingerprint"][:12])
+            simulation = Simulation(scene, _read_layout(folder, scene))
+            load_checkpoint(folder / "checkpoint.npz", simulation, mark)
+            earlier = info["wall"]
+        else:
+            _check_new(folder, besides=("records.npy",))
+        with interrupts() as stop:
+            return _write_run(folder, simulation, mark, earlier, resume, progress, stop)
+
+
+def _check_new(folder: Path, besides: tuple[str, ...] = ()) -> None:
+    """A folder that a new run may have, with nothing in it besides these files."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, not a folder", file=str(folder))
+    if (folder / "run.json").exists():
+        raise InputError("holds a run already: resume it (--resume) or name another (--out)",
+                         file=str(folder))
+    if folder.exists() and any(path.name not in besides for path in folder.iterdir()):
+        raise InputError("must be a new or an empty folder", file=str(folder))
 
 
 def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,
-               progress: Callable[[Simulation, bool], None] | None,
-               stop: _Stop) -> Outcome:
+               progress: Callable[[Simulation, bool], object] | None,
+               stop: Stop) -> Outcome:
     begin = time.perf_counter()
     scene = simulation.scene
     every = round(scene.record.interval / scene.solver.step)
@@ -391,11 +476,6 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
     if resume:
         _check_records(path, simulation.layout, keep, every * scene.solver.step)
     else:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"must be a folder that can be made: {error.strerror}",
-                             file=str(folder)) from None
         _write_arrays(folder / "layout.npz",
                       {name: getattr(simulation.layout, name) for name in _LAYOUT})
     records = _Writer(path, simulation.numbers.n, keep)
@@ -432,8 +512,8 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
                 records.append(simulation)
             if simulation.steps % save_every == 0 and simulation.steps < end:
                 save()
-            if progress is not None:
-                progress(simulation, recorded)
+            if progress is not None and progress(simulation, recorded):
+                stop.asked = True
         save()
     finally:
         records.close()

@@ -589,6 +589,24 @@ def load(path: str | Path, *, seed: int | None = None, duration: float | None = 
     InputError
         When the file cannot be read, is not TOML, or holds a value that is not allowed.
     """
+    scene = parse(read_toml(path), str(path))
+    if seed is None and duration is None:
+        return scene
+    run = Run(scene.run.duration if duration is None else duration,
+              scene.run.seed if seed is None else seed)
+    scene = replace(scene, run=run)
+    scene.validate()
+    return scene
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or is not TOML.
+    """
     file = str(path)
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
@@ -598,14 +616,14 @@ def load(path: str | Path, *, seed: int | None = None, duration: float | None = 
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"must be a TOML file that can be read: {reason}", file=file) from None
-    scene = parse(text, file)
-    if seed is None and duration is None:
-        return scene
-    run = Run(scene.run.duration if duration is None else duration,
-              scene.run.seed if seed is None else seed)
-    scene = replace(scene, run=run)
-    scene.validate()
-    return scene
+    return _tables(text, file)
+
+
+def _tables(text: str, file: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"must be valid TOML: {error}", file=file or None) from None
 
 
 def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
@@ -624,10 +642,7 @@ def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
         When the text is not TOML or holds a value that is not allowed.
     """
     if isinstance(source, str):
-        try:
-            source = tomllib.loads(source)
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"must be valid TOML: {error}", file=file or None) from None
+        source = _tables(source, file)
     scene = _Reader(file).scene(source)
     scene.validate()
     return scene

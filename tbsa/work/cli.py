@@ -1,23 +1,28 @@
-"""The command ``tbsa``: run, metrics, draw, check, fit.
+"""The command ``tbsa``: run, campaign, metrics, draw, check, fit.
 
-Exit codes: 0 done; 1 the run could not go on (disk, a state that is not finite); 2 bad input,
+Exit codes: 0 done; 1 a run could not go on (disk, a state that is not finite); 2 bad input,
 nothing written; 130 interrupted, saved.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import re
 import shlex
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tbsa import __version__
 from tbsa.errors import InputError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from tbsa.model.scene import Scene
     from tbsa.model.simulation import Simulation
 
@@ -55,6 +60,23 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.set_defaults(command=_run)
+
+    campaign = commands.add_parser(
+        "campaign", help="do many runs of many scenes",
+        description="Do the runs of a campaign's file.")
+    campaign.add_argument("config", type=Path, help="the campaign, a TOML file")
+    campaign.add_argument("--out", type=Path, metavar="DIR", required=True,
+                          help="the campaign's folder")
+    campaign.add_argument("--resume", action="store_true",
+                          help="go on with what is in the folder, or begin")
+    campaign.add_argument("--jobs", type=int, metavar="N",
+                          help="runs at a time, each a process (default: one a core)")
+    campaign.add_argument("--scheduler", metavar="ADDRESS",
+                          help="let the workers of this dask.distributed scheduler do the runs")
+    campaign.add_argument("--part", metavar="I/N", default="1/1",
+                          help="do the I-th of N shares of the runs, as one job of an array")
+    campaign.add_argument("--quiet", action="store_true", help="no progress bar")
+    campaign.set_defaults(command=_campaign)
 
     metrics = commands.add_parser("metrics", help="table of a run's metrics",
                                   description="Print a run's metrics and write metrics.csv.")
@@ -136,6 +158,59 @@ def _run(arguments: argparse.Namespace) -> int:
     print(summary(scene, simulation, outcome.wall))
     print(f"run in {folder}")
     return 0
+
+
+def _campaign(arguments: argparse.Namespace) -> int:
+    from tbsa.work.campaign import FAILED, campaign
+
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", arguments.part)
+    if match is None:
+        raise InputError("must be I/N, I from 1 to N", field="--part", value=arguments.part)
+    with contextlib.ExitStack() as stack:
+        executor = None
+        if arguments.scheduler is not None:
+            if arguments.jobs is not None:
+                raise InputError("must be left out with --scheduler: its workers are its own",
+                                 field="--jobs", value=arguments.jobs)
+            executor = stack.enter_context(_cluster(arguments.scheduler))
+        result = campaign(
+            arguments.config, arguments.out, executor=executor, jobs=arguments.jobs,
+            resume=arguments.resume, part=(int(match[1]), int(match[2])),
+            progress=not arguments.quiet)
+    rows = result.table[result.table["status"] == FAILED]
+    for name, message in zip(rows["run"], rows["message"], strict=True):
+        print(f"tbsa: {name} failed: {message}", file=sys.stderr)
+    if result.left:
+        again = ["tbsa", "campaign", str(arguments.config), "--out", str(arguments.out),
+                 *(("--part", arguments.part) if arguments.part != "1/1" else ()), "--resume"]
+        print(f"stopped and saved, {result.left} runs to go; go on with\n  {shlex.join(again)}",
+              file=sys.stderr)
+        return 130
+    print(f"{result.done} runs done, {result.failed} failed; table in "
+          f"{arguments.out / 'table.csv'}")
+    return 1 if result.failed else 0
+
+
+@contextlib.contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    """The workers of a dask.distributed scheduler."""
+    try:
+        distributed: Any = import_module("distributed")
+    except ImportError:
+        raise InputError("needs the package distributed: pip install 'tbsa[cluster]'",
+                         field="--scheduler", value=address) from None
+    try:
+        client = distributed.Client(address, timeout="10s")
+    except (OSError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError("must be the address of a dask.distributed scheduler, such as "
+                         f"tcp://host:8786: {reason}", field="--scheduler", value=address,
+                         ) from None
+    try:
+        # Not pure: a run submitted again must be done, not answered from the cluster's memory.
+        yield client.get_executor(pure=False)
+    finally:
+        client.close()
 
 
 def summary(scene: Scene, simulation: Simulation, wall: float) -> str:

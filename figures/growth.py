@@ -1,0 +1,65 @@
+"""Size, errors and holes of the assembly against time, over all runs of both drives.
+
+The mean over the runs of each drive, with their standard deviation, and the values that the
+paper reports for the end (Section V, Results).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from figures._data import CAMPAIGN, DRIVES, done
+from figures.style import BLUE, ORANGE, figure
+
+DATA = (CAMPAIGN / "table.csv", CAMPAIGN / "curves.csv")
+LOOKS = {"self-stabilizing": (BLUE, "-", "o"), "shaking": (ORANGE, (0, (4, 1.5)), "s")}
+PANELS = {  # column: label, and the paper's end values
+    "size": ("attached tiles", {"self-stabilizing": 130.0, "shaking": 35.0}),
+    "errors_percent": ("errors (%)", {"self-stabilizing": 0.0, "shaking": 0.5}),
+    "holes_percent": ("holes (%)", {"self-stabilizing": 1.5, "shaking": 0.0}),
+}
+
+
+def make() -> Figure:
+    """Three panels above each other; the marks at the right edge are the paper's."""
+    folder = DATA[0].parent
+    runs = done(folder)[["run", "group"]]
+    curves = pd.read_csv(DATA[1]).merge(runs, on="run")
+    fig = figure(4.6)
+    axes = fig.subplots(3, 1, sharex=True, height_ratios=(1.6, 1, 1))
+    end = float(curves["time"].max())
+    handles = []
+    for drive, label in DRIVES.items():
+        colour, dash, mark = LOOKS[drive]
+        rows = curves[curves["group"] == drive]
+        number = rows["run"].nunique()
+        for ax, (column, (_, reported)) in zip(axes, PANELS.items(), strict=True):
+            # Of the per cent only runs with an attached tile count: none has none of it.
+            at = rows.groupby("time")[column].agg(["mean", "std"]).dropna(subset=["mean"])
+            time, mean, spread = at.index.to_numpy(), at["mean"], at["std"].fillna(0.0)
+            ax.fill_between(time, np.maximum(mean - spread, 0.0), mean + spread, color=colour,
+                            alpha=0.18, lw=0)
+            # Unclipped: a curve along zero would lose half its width to the axis.
+            ax.plot(time, mean, color=colour, linestyle=dash, clip_on=False, zorder=3)
+            ax.plot([end], [reported[drive]], mark, markersize=4.5, markerfacecolor="white",
+                    markeredgecolor=colour, markeredgewidth=1.1, clip_on=False, zorder=5)
+        handles.append(Line2D([], [], color=colour, linestyle=dash,
+                              label=f"{label} ({number} run{'s' * (number != 1)})"))
+        handles.append(Line2D([], [], color=colour, linestyle="", marker=mark, markersize=4.5,
+                              markerfacecolor="white", label="paper, at 3600 s"))
+    for ax, (what, _) in zip(axes, PANELS.values(), strict=True):
+        ax.set(ylabel=what, xlim=(0.0, end))
+        ax.set_ylim(bottom=0.0, top=max(ax.get_ylim()[1], 2.0 if ax is not axes[0] else 160.0))
+        ax.spines[["top", "right"]].set_visible(False)
+    most = PANELS["size"][1]["self-stabilizing"]  # "more than 130"
+    axes[0].annotate("", (end, most + 0.14 * axes[0].get_ylim()[1]), (end, most),
+                     annotation_clip=False, zorder=4,
+                     arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.1})
+    axes[-1].set_xlabel("time (s)")
+    fig.align_ylabels(list(axes))
+    fig.legend(handles=[handles[0], handles[2], handles[1], handles[3]], ncols=2,
+               loc="outside upper center")
+    return fig

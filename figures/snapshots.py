@@ -1,0 +1,63 @@
+"""Snapshots of both drives at several times (the paper's two figures of that kind)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+import tbsa
+from figures._data import CAMPAIGN, DRIVES
+from figures.style import figure
+from tbsa.work.draw import MARKS
+
+DATA = (CAMPAIGN / "table.csv", *(CAMPAIGN / "runs" / group for group in DRIVES))
+ROWS = 4  # times, evenly spaced; the last is the end of the run
+
+
+def make() -> Figure:
+    """A column a drive, a row a time; the assembly dark, all else faded."""
+    folder = DATA[0].parent
+    runs = [tbsa.read_run(first_run(folder, group)) for group in DRIVES]
+    fig = figure(1.72 * ROWS + 0.1)
+    axes = fig.subplots(ROWS, len(runs), squeeze=False)
+    marked: set[str] = set()
+    for column, (run, label) in enumerate(zip(runs, DRIVES.values(), strict=True)):
+        end = float(run.time[-1])
+        for ax, time in zip(axes[:, column], np.linspace(0.0, end, ROWS), strict=True):
+            k = run.at(float(time))
+            record = run.layout, run.x[k], run.y[k], run.angle[k]
+            tbsa.draw(run.scene, *record, ax=ax, bonds=False, headings=False)
+            if legend := ax.get_legend():
+                marked |= {name for name in MARKS for text in legend.get_texts()
+                           if name in text.get_text()}
+                legend.remove()
+            found = tbsa.assembly(run.scene, *record)
+            ax.set_title(f"{run.time[k]:g} s: {found.size} tiles", fontsize=7, pad=2)
+            ax.set_axis_off()
+        axes[0, column].set_title(f"{label}\n{axes[0, column].get_title()}", fontsize=7, pad=2)
+    if marked:
+        fig.legend(handles=[
+            Line2D([], [], linestyle="", marker=mark, color=colour, markerfacecolor="none",
+                   markersize=4, label=name)
+            for name, (colour, mark) in MARKS.items() if name in marked],
+            loc="outside lower center", ncols=3)
+    return fig
+
+
+def first_run(folder: Path, group: str) -> Path:
+    """The first run of a group whose records are kept.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where none is.
+    """
+    table = pd.read_csv(folder / "table.csv")
+    for run in table[table["group"] == group]["run"]:
+        if (folder / "runs" / run / "records.npy").exists():
+            return folder / "runs" / run
+    raise FileNotFoundError(f"no run of {group} is kept in {folder}")

@@ -1,0 +1,610 @@
+"""A campaign on disk: many runs, done by an executor, that can be broken off at any time.
+
+A campaign's folder holds
+
+    campaign.json  the plan: every run, and what may not change
+    runs/          a folder a run, as `tbsa run` makes it, with metrics.csv beside its records
+    table.csv      one row a run: what it was, how it ended
+    curves.csv     one row a record: the metrics of every run against time
+    wall.csv       wall time of every run; not the same twice, so not in the table
+    .locks/        files that working processes hold locked
+
+A run is done when its records have reached its duration and its metrics.csv is written.  The
+tables are made anew from what the runs' folders hold, so they are the same to the bit however
+often the campaign was broken off.
+
+Any `concurrent.futures.Executor` will do whose workers see the same folder.  The process that
+hands out the runs holds a file of its own in ``.locks``: where that file is gone, be it that the
+process was asked to stop or that its successor found it dead, its workers save and end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import math
+import multiprocessing
+import os
+import shutil
+import signal
+import socket
+import threading
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from dataclasses import dataclass, replace
+from multiprocessing.connection import wait as wait_for
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from tbsa.errors import InputError
+from tbsa.model.layout import initial_layout
+from tbsa.model.records import Busy, Stop, interrupts, locked, read_run, run, write_atomically
+from tbsa.model.scene import Run, Scene
+from tbsa.model.simulation import Simulation, SimulationError
+from tbsa.work.plan import Planned, read_plan
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMAT = 1
+LOCKS = ".locks"
+POLL = 0.2  # s between looks at the workers
+PATIENCE = 60.0  # s that a worker waits for one of a dead campaign to save and let go of a run
+LIVES = 3  # times that a pool may break without a run done in between
+DONE, FAILED, STOPPED, WAITING = "done", "failed", "stopped", "waiting"
+Outcomes = dict[str, tuple[str, str]]  # of runs by name: how they ended, and why if they failed
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a call of :func:`campaign` ended."""
+
+    table: pd.DataFrame  # as in table.csv
+    done: int  # runs of this call's share that are done, now or before
+    failed: int  # that raised; their messages are in the table
+    left: int  # that it was interrupted before
+
+
+def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = None,
+             jobs: int | None = None, resume: bool = False, part: tuple[int, int] = (1, 1),
+             progress: bool = False) -> Result:
+    """Do the runs of a campaign's file, the longest first.
+
+    Parameters
+    ----------
+    path
+        The campaign's file, see :mod:`tbsa.work.plan`.
+    out
+        The campaign's folder; new or empty, unless `resume`.
+    executor
+        What does the runs; by default a pool of processes.  It is not shut down.
+    jobs
+        Processes of the default pool; by default one a core.
+    resume
+        Go on with what is in the folder, or begin.  The file may have more runs than before, and
+        longer ones.
+    part
+        (i, n), i from 1 to n: do the i-th of n shares only.
+    progress
+        Show a bar on a terminal.
+
+    Raises
+    ------
+    InputError
+        Where the file, the folder, or both together are not allowed; nothing has been written.
+    Busy
+        Where another process is doing some of the same runs.
+    RuntimeError
+        Where the workers die again and again.
+    """
+    out = Path(out)
+    if jobs is not None and jobs < 1:
+        raise InputError("must be at least 1", field="jobs", value=jobs)
+    plan = read_plan(path)
+    mine = share(plan, part)
+    new = _against(plan, _stored(out, resume), str(path))
+    left = sorted((each for each in mine if not _is_done(out, each)),
+                  key=lambda each: -each.cost * (1.0 - _reached(out, each)))
+    for each in _first_of_each(new, lambda each: replace(each.scene, run=Run())):
+        _fits(each, str(path))
+    with interrupts() as stop:
+        if left:
+            stop.patient = False  # it may have to compile for half a minute
+            _compile(left, str(path))
+            stop.patient = True
+        outcomes: Outcomes = {}
+        with _session(out, plan, mine, str(path), resume) as session:
+            try:
+                _do(left, out, session, executor, jobs, stop, _Bar(out, mine, left, progress),
+                    outcomes)
+            finally:
+                with locked(out / LOCKS / "plan", wait=PATIENCE):
+                    table = _write_tables(out, plan, outcomes)
+    failed = sum(status == FAILED for status, _ in outcomes.values())
+    undone = sum(not _is_done(out, each) for each in mine)
+    return Result(table, len(mine) - undone, failed, undone - failed)
+
+
+def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
+    """The i-th of n shares of about the same length, longest runs first."""
+    i, n = part
+    if not 1 <= i <= n:
+        raise InputError("must be I/N, I from 1 to N", field="part", value=f"{i}/{n}")
+    return sorted(plan, key=lambda each: -each.cost)[i - 1 :: n]
+
+
+# ---------------------------------------------------------------------------------------------
+# The plan, and what is in the folder already.
+
+
+def _stored(out: Path, resume: bool) -> dict[str, dict[str, Any]] | None:
+    """The runs of the plan in the folder; None where no campaign has begun there."""
+    path = out / "campaign.json"
+    if out.exists() and not out.is_dir():
+        raise InputError("is a file, not a folder", file=str(out))
+    if not path.exists():
+        if out.exists() and any(each.name != LOCKS for each in out.iterdir()):
+            raise InputError("must be a new or an empty folder, or that of a campaign",
+                             file=str(out))
+        return None
+    if not resume:
+        raise InputError("holds a campaign already: go on with it (--resume) or name another "
+                         "(--out)", file=str(out))
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data["format"] != FORMAT:
+            raise InputError(f"must be {FORMAT}: written by another version", file=str(path),
+                             field="format", value=data["format"])
+        return {each["name"]: {"kept": str(each["kept"]), "duration": float(each["duration"])}
+                for each in data["runs"]}
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"is damaged: {error!r}", file=str(path)) from None
+
+
+def _against(plan: list[Planned], stored: dict[str, dict[str, Any]] | None, file: str
+             ) -> list[Planned]:
+    """The runs that the folder's plan has not got; those that it has got must be the same."""
+    if stored is None:
+        return plan
+    planned = {each.name: each for each in plan}
+    for name, was in stored.items():
+        if name not in planned:
+            raise InputError("is a run of the folder, but not of this file any more: put it back, "
+                             "or name another folder (--out)", file=file, field="group",
+                             value=name)
+        each = planned[name]
+        if each.kept != was["kept"]:
+            raise InputError("was begun with another record.interval, other colours or another "
+                             "temperature: these have to stay what they were", file=file,
+                             field="group", value=name)
+        if each.scene.run.duration < was["duration"]:
+            raise InputError(f"s is less than the {was['duration']:g} s that {name} was begun "
+                             "with: a run can be made longer, not shorter", file=file,
+                             field="run.duration", value=each.scene.run.duration)
+    return [each for each in plan if each.name not in stored]
+
+
+def _first_of_each(plan: Iterable[Planned], key: Callable[[Planned], Any]) -> list[Planned]:
+    first: dict[Any, Planned] = {}
+    for each in plan:
+        first.setdefault(key(each), each)
+    return list(first.values())
+
+
+def _fits(each: Planned, file: str) -> None:
+    """Its tiles can be placed; tried with one seed of every scene."""
+    try:
+        initial_layout(each.scene)
+    except InputError as error:
+        raise InputError(f"does not make a scene of {each.base}: {error.without_file}", file=file,
+                         field="group", value=each.group) from None
+
+
+def _compile(plan: Iterable[Planned], file: str) -> None:
+    """Compile every drive with the kernels, so that workers find them in the disk cache."""
+    def drive(each: Planned) -> Any:
+        found = each.scene.drive
+        return found and (found.kind, found.module, found.function, Path(each.scene.file).parent)
+
+    for each in _first_of_each(plan, drive):
+        try:
+            Simulation(each.scene).advance(1)
+        except InputError as error:
+            raise InputError(f"does not make a scene of {each.base}: {error.without_file}",
+                             file=file, field="group", value=each.group) from None
+        except SimulationError:
+            pass  # said of the run when it comes to it
+
+
+def _folder(out: Path, each: Planned) -> Path:
+    return out / "runs" / each.name
+
+
+def _info(out: Path, each: Planned) -> dict[str, Any] | None:
+    """The run's run.json, if there is one that can be read."""
+    try:
+        info = json.loads((_folder(out, each) / "run.json").read_text(encoding="utf-8"))
+        float(info["time"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+    return dict(info)
+
+
+def _is_done(out: Path, each: Planned) -> bool:
+    info = _info(out, each)
+    if info is None or not (_folder(out, each) / "metrics.csv").exists():
+        return False
+    end = each.scene.run.duration - 0.6 * each.scene.solver.step / each.scene.solver.substeps
+    return bool(info.get("fingerprint") == each.mark and info["time"] >= end)
+
+
+def _reached(out: Path, each: Planned) -> float:
+    """What share of the run's duration is done."""
+    info = _info(out, each)
+    return min(info["time"] / each.scene.run.duration, 1.0) if info else 0.0
+
+
+@contextlib.contextmanager
+def _session(out: Path, plan: list[Planned], mine: list[Planned], file: str, resume: bool
+             ) -> Iterator[Path]:
+    """Claim runs for this process; gives the file that is there as long as it goes on.
+
+    Claims of dead processes are removed, which stops workers that they have left behind.
+    """
+    locks = out / LOCKS
+    try:
+        (locks / "sessions").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"must be a folder that can be made: {error.strerror}",
+                         file=str(out)) from None
+    session = locks / "sessions" / uuid.uuid4().hex
+    names = [each.name for each in mine]
+    with contextlib.ExitStack() as stack:
+        with locked(locks / "plan", wait=PATIENCE):
+            alive = list(_alive(session.parent))
+            stored = _stored(out, resume)
+            for who, theirs in alive:
+                if not theirs.isdisjoint(names):
+                    raise Busy(f"is in use: {who} is doing its runs", file=str(out))
+            new = _against(plan, stored, file)
+            if new or stored is None or any(
+                    stored[each.name]["duration"] != each.scene.run.duration for each in plan):
+                if alive:
+                    raise Busy(f"is in use: {alive[0][0]} is at work with another plan, and it "
+                               "cannot be changed meanwhile", file=str(out))
+                _write_plan(out, plan)
+            stack.enter_context(locked(session))
+            session.write_text(json.dumps({
+                "who": f"process {os.getpid()} on {socket.gethostname()}", "runs": names}))
+        try:
+            yield session
+        finally:
+            session.unlink(missing_ok=True)
+
+
+def _alive(sessions: Path) -> Iterator[tuple[str, set[str]]]:
+    """Who is at work, and on which runs."""
+    for path in sorted(sessions.iterdir()):
+        try:
+            with locked(path, create=False):
+                path.unlink()
+        except Busy:
+            data = json.loads(path.read_text())
+            yield data["who"], set(data["runs"])
+
+
+def _write_plan(out: Path, plan: list[Planned]) -> None:
+    data = {"format": FORMAT, "runs": [
+        {"name": each.name, "kept": each.kept, "duration": each.scene.run.duration}
+        for each in plan]}
+    write_atomically(out / "campaign.json", json.dumps(data, indent=1).encode())
+
+
+# ---------------------------------------------------------------------------------------------
+# The runs.
+
+
+class Job(NamedTuple):
+    """One run, as a worker gets it."""
+
+    scene: Scene
+    folder: Path
+    lock: Path
+    session: Path
+
+
+_pooled = False  # in a process of the default pool
+
+
+def work(job: Job) -> tuple[str, str]:
+    """Do a run or go on with it; how it ended, and why if it failed."""
+    if not job.session.exists():
+        return STOPPED, ""
+    try:
+        with locked(job.lock, wait=PATIENCE):
+            ended = _run(job)
+    except KeyboardInterrupt:
+        ended = False
+    except Exception as error:
+        return FAILED, _message(error)
+    if not ended and _pooled and job.session.exists():
+        # Told to end by a signal, or the campaign was killed: saved, and nobody to report to.
+        os._exit(1)
+    return (DONE if ended else STOPPED), ""
+
+
+def _run(job: Job) -> bool:
+    """Whether the run came to its end."""
+    from tbsa.work.metrics import table
+
+    begun = (job.folder / "run.json").exists()
+    if job.folder.exists() and not begun:
+        shutil.rmtree(job.folder)  # killed before it was a run
+    metrics = job.folder / "metrics.csv"
+    metrics.unlink(missing_ok=True)
+    outcome = run(job.scene, job.folder, resume=begun,
+                  progress=lambda *_: not job.session.exists())
+    if not outcome.finished:
+        return False
+    records = read_run(job.folder)
+    frame = table(records.scene, records.layout, records.time, records.x, records.y,
+                  records.angle)
+    write_atomically(metrics, frame.to_csv(index=False).encode())
+    return True
+
+
+def _message(error: Exception) -> str:
+    """What went wrong, without names of folders, which differ between machines."""
+    if isinstance(error, InputError):
+        return error.without_file
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    text = " ".join(str(error).split())
+    return text if isinstance(error, SimulationError) else f"{type(error).__name__}: {text}"
+
+
+def _in_pool() -> None:
+    """Of a process of the default pool: end when the campaign's process has died."""
+    global _pooled
+    _pooled = True
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait_for([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)  # a run saves first
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None,
+        jobs: int | None, stop: Stop, bar: _Bar, ended: Outcomes) -> None:
+    """Have the runs done; `ended` is told how those ended that did."""
+    home = out.resolve()
+    todo = {each.name: Job(
+        replace(each.scene, file=str(Path(each.scene.file).resolve())), _folder(home, each),
+        home / LOCKS / each.name.replace("/", "."), session.resolve()) for each in left}
+    lives = LIVES
+    with bar:
+        while todo and not stop.asked:
+            before = len(todo)
+            try:
+                with _pool(executor, min(jobs or _cores(), len(todo))) as workers:
+                    _hand_out(workers, todo, ended, session, stop, bar)
+                break
+            except BrokenExecutor as error:
+                lives = LIVES if len(todo) < before else lives - 1
+                if executor is not None or not lives:
+                    raise RuntimeError(f"workers died, the runs that are done are kept; go on "
+                                       f"with --resume ({error})") from error
+
+
+@contextlib.contextmanager
+def _pool(executor: Executor | None, processes: int) -> Iterator[Executor]:
+    if executor is not None:
+        yield executor
+        return
+    # Spawned, not forked: a fork would take over locks and threads in whatever state they are.
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _in_pool) as pool:
+        try:
+            yield pool
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _hand_out(workers: Executor, todo: dict[str, Job], ended: Outcomes,
+              session: Path, stop: Stop, bar: _Bar) -> None:
+    """Submit all, longest first, and take back what is done, until all is or a stop is asked."""
+    with _deaf():
+        futures: dict[Future[tuple[str, str]], str] = {
+            workers.submit(work, job): name for name, job in todo.items()}
+    waiting = set(futures)
+    while waiting:
+        done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
+        for future in done:
+            try:
+                outcome = future.result()
+            except CancelledError:
+                if not stop.asked:
+                    raise RuntimeError("the executor lost its runs; go on with --resume") from None
+                continue
+            except BrokenExecutor:
+                raise
+            except Exception as error:  # of the executor's own: a worker died too often
+                outcome = FAILED, _message(error)
+            if outcome[0] == STOPPED:
+                stop.asked = True
+            else:
+                ended[futures[future]] = outcome
+                del todo[futures[future]]
+        if stop.asked:
+            session.unlink(missing_ok=True)
+            for future in waiting:
+                future.cancel()
+        bar.show(ended)
+
+
+@contextlib.contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes begun meanwhile never hear Ctrl-C: it is this process that stops them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class _Bar:
+    """Progress over all runs, by tiles times substeps, and the time left."""
+
+    def __init__(self, out: Path, mine: list[Planned], left: list[Planned], shown: bool) -> None:
+        self.out, self.mine, self.left, self.shown = out, mine, left, shown
+
+    def __enter__(self) -> _Bar:
+        from tqdm import tqdm
+
+        total = sum(each.cost for each in self.mine)
+        waiting = sum(each.cost for each in self.left)
+        self.before = total - waiting
+        self.bar = tqdm(
+            total=total, initial=self.before + self._under_way({}), smoothing=0.0,
+            disable=None if self.shown else True, dynamic_ncols=True,
+            bar_format="{percentage:5.1f} %|{bar}| [{elapsed}<{remaining}{postfix}]")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bar.close()
+
+    def show(self, ended: Outcomes) -> None:
+        """Move the bar to where the runs' records are."""
+        if self.bar.disable:
+            return
+        done = sum(each.cost for each in self.left if each.name in ended)
+        failed = sum(status == FAILED for status, _ in ended.values())
+        number = len(self.mine) - len(self.left) + len(ended) - failed
+        self.bar.n = self.before + done + self._under_way(ended)
+        self.bar.set_postfix_str(f"{number}/{len(self.mine)} runs done"
+                                 + f", {failed} failed" * bool(failed), refresh=False)
+        self.bar.refresh()
+
+    def _under_way(self, ended: Outcomes) -> float:
+        """Of the runs not ended: what is done, by the size of their records."""
+        done = 0.0
+        for each in self.left:
+            if each.name not in ended:
+                with contextlib.suppress(OSError):
+                    size = (_folder(self.out, each) / "records.npy").stat().st_size
+                    time = each.scene.record.interval * (size // (8 + 48 * each.tiles) - 1)
+                    done += each.cost * min(max(time / each.scene.run.duration, 0.0), 1.0)
+        return done
+
+
+# ---------------------------------------------------------------------------------------------
+# The tables.
+
+
+def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.DataFrame:
+    """table.csv, curves.csv and wall.csv, from the folders of the runs."""
+    import pandas as pd
+
+    rows, curves, walls = [], [], []
+    outcomes = _failures(out / "table.csv") | outcomes
+    for each in plan:
+        info, done = _info(out, each), _is_done(out, each)
+        status, message = (DONE, "") if done else outcomes.get(each.name, (WAITING, ""))
+        row: dict[str, Any] = {
+            "run": each.name, "group": each.group, "scene": each.base,
+            **{name: json.dumps(value) if isinstance(value, list) else value
+               for name, value in each.fields},
+            "seed": each.scene.run.seed, "duration": each.scene.run.duration,
+            "tiles": each.tiles, "fingerprint": each.mark,
+            "version": info["version"] if info else None, "status": status, "message": message}
+        if done and info:
+            frame = pd.DataFrame(_read_csv(_folder(out, each) / "metrics.csv"))
+            row |= {str(name): frame[name].iloc[-1] for name in frame}
+            row |= {f"mean_{name}": _mean(frame[name]) for name in MEANS}
+            row |= _counted(info["counts"], each.scene.material.width)
+            frame.insert(0, "run", each.name)
+            curves.append(frame)
+        rows.append(row)
+        if info:
+            walls.append({"run": each.name, "wall": info["wall"], "time": info["time"]})
+    first = ["run", "group", "scene"]
+    fields = list(dict.fromkeys(name for each in plan for name, _ in each.fields))
+    names = list(dict.fromkeys(name for row in rows for name in row if name not in fields))
+    table = pd.DataFrame(rows, columns=[*first, *fields, *names[len(first):]])
+    for name, frame in (
+            ("table", table),
+            ("curves", pd.concat(curves) if curves else pd.DataFrame(columns=["run", "time"])),
+            ("wall", pd.DataFrame(walls, columns=["run", "wall", "time"]))):
+        write_atomically(out / f"{name}.csv", frame.to_csv(index=False).encode())
+    return table
+
+
+def _read_csv(path: Path) -> list[dict[str, Any]]:
+    """Rows of a table of numbers, to the last bit; pandas' own reader may be off by one."""
+    def number(text: str) -> Any:
+        if text in ("True", "False"):
+            return text == "True"
+        return int(text) if text.lstrip("-").isdigit() else float(text or "nan")
+
+    with open(path, newline="", encoding="utf-8") as file:
+        return [{name: number(text) for name, text in row.items()}
+                for row in csv.DictReader(file)]
+
+
+def _failures(path: Path) -> Outcomes:
+    """The failed runs of an earlier table; another share's process may have written it."""
+    import pandas as pd
+
+    if not path.exists():
+        return {}
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    rows = rows[rows["status"] == FAILED]
+    return {run: (FAILED, why) for run, why in zip(rows["run"], rows["message"], strict=True)}
+
+
+MEANS = ("size", "errors_percent", "holes_percent")  # over all records of a run
+
+
+def _mean(values: pd.Series[float]) -> float:
+    """Mean of the numbers, summed exactly: in no order that another version might change."""
+    numbers = [float(value) for value in values if not math.isnan(value)]
+    return math.fsum(numbers) / len(numbers) if numbers else float("nan")
+
+
+def _counted(counts: dict[str, Any], width: float) -> dict[str, float]:
+    """The counters of a run, a substep or in per cent; overlap in per cent of the width."""
+    substeps = max(counts["substeps"], 1)
+    shares = [100.0 * number / substeps for number in counts["overlap"]]
+    return {
+        "substeps": counts["substeps"],
+        "deepest_percent": 100.0 * counts["deepest"] / width,
+        "beyond_0.1_percent": math.fsum(shares[2:]),
+        "beyond_0.5_percent": math.fsum(shares[3:]),
+        "beyond_2_percent": shares[4],
+        "manifolds": counts["rows"] / substeps,
+        "passes": counts["passes"] / substeps,
+        "unconverged_percent": 100.0 * counts["unconverged"] / substeps,
+    }

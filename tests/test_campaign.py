@@ -1,0 +1,912 @@
+"""Campaigns: what their files mean, and that nothing is lost or done twice."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from malformed import CAMPAIGNS
+
+import tbsa
+from tbsa.errors import InputError
+from tbsa.model import records
+from tbsa.model.records import Busy, locked
+from tbsa.model.scene import Run, fingerprint, load
+from tbsa.work import campaign as module
+from tbsa.work.campaign import campaign, share
+from tbsa.work.cli import main
+from tbsa.work.plan import read_plan, seeds_of
+
+ROOT = Path(__file__).parents[1]
+COMMAND = [sys.executable, "-m", "tbsa.work.cli", "campaign"]
+SCENE = """
+[tiles]
+set = "chessboard"
+[seed]
+shape = "cross"
+arm = 1
+[reactor]
+shape = "circle"
+radius = 0.09
+[free]
+number = 8
+[magnet]
+[drive]
+kind = "unicycle"
+force = 0.1
+torque = 3e-3
+frequency = 0.5
+[floor]
+[record]
+interval = 1.0
+checkpoint = 2.0
+[run]
+duration = 4.0
+"""
+SHAKING = SCENE.replace("torque = 3e-3\n", "").replace("unicycle", "shaking")
+CAMPAIGN = """
+title = "Small"
+scene = "scene.toml"
+seeds = [1, 2]
+[[group]]
+name = "map"
+grid = {"drive.force" = [0.08, 0.1]}
+[[group]]
+name = "other"
+scene = "shaking.toml"
+seeds = [7]
+set = {"run.duration" = 8.0}
+"""
+BURST = """
+def burst(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
+    if p[0] < t:
+        fx[7] = 1e300 * 1e300
+"""
+TABLES = ("table.csv", "curves.csv")
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder to be in, with scenes and a campaign of five runs."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    Path("shaking.toml").write_text(SHAKING)
+    Path("campaign.toml").write_text(CAMPAIGN)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of the campaign, done without a break; not to be written to."""
+    home = tmp_path_factory.mktemp("whole")
+    (home / "scene.toml").write_text(SCENE)
+    (home / "shaking.toml").write_text(SHAKING)
+    (home / "campaign.toml").write_text(CAMPAIGN)
+    done(home / "campaign.toml", home / "out")
+    return home / "out"
+
+
+def done(path, out, workers=1, **options):
+    """Do a campaign in threads of this process."""
+    with ThreadPoolExecutor(workers) as pool:
+        return campaign(path, out, executor=pool, **options)
+
+
+def planned(text):
+    """The runs of a campaign's text."""
+    Path("campaign.toml").write_text(text)
+    return read_plan("campaign.toml")
+
+
+def tables(folder):
+    return [(Path(folder) / name).read_bytes() for name in TABLES]
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
+def until(what, seconds=60.0):
+    """Wait until `what` holds."""
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.01)
+
+
+# ---------------------------------------------------------------------------------------------
+# What a file means.
+
+
+def test_a_grid_gives_every_combination_times_every_seed(here):
+    plan = planned('scene = "scene.toml"\nseeds = {first = 3, number = 2}\n[[group]]\nname = "a"\n'
+                   'grid = {"drive.force" = [0.1, 0.2], "drive.torque" = [0, 1e-3]}\n')
+    assert [(each.scene.drive.force, each.scene.drive.torque, each.scene.run.seed)
+            for each in plan] == [(f, t, s) for f in (0.1, 0.2) for t in (0.0, 1e-3)
+                                  for s in (3, 4)]
+    assert {each.group for each in plan} == {"a"}
+    assert plan[2].fields == (("drive.force", 0.1), ("drive.torque", 1e-3))
+
+
+def test_the_arrays_of_a_list_are_taken_together(here):
+    plan = planned('scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n'
+                   'list = {"reactor.radius" = [0.1, 0.2], "free.number" = [8, 30]}\n'
+                   'grid = {"magnet.mismatch" = [-1, 0]}\n')
+    assert [(each.scene.reactor.radius, each.tiles, each.scene.magnet.mismatch)
+            for each in plan] == [(0.1, 13, -1), (0.1, 13, 0), (0.2, 35, -1), (0.2, 35, 0)]
+
+
+def test_a_group_has_several_scenes_and_its_fields_on_top_of_the_common_ones(here):
+    plan = planned('scene = ["scene.toml", "shaking.toml"]\nseeds = [1]\n'
+                   'set = {"run.duration" = 2.0, "drive.force" = 0.2, "magnet.mismatch" = 0}\n'
+                   '[[group]]\nname = "a"\nset = {drive.force = 0.3}\n'
+                   '[[group]]\nname = "b"\nscene = "shaking.toml"\nseeds = [5, 9]\n'
+                   'grid = {"magnet.mismatch" = [-1]}\n')
+    assert [(each.group, each.base, each.scene.drive.kind, each.scene.drive.force,
+             each.scene.magnet.mismatch, each.scene.run.seed) for each in plan] == [
+        ("a", "scene.toml", "unicycle", 0.3, 0, 1), ("a", "shaking.toml", "shaking", 0.3, 0, 1),
+        ("b", "shaking.toml", "shaking", 0.2, -1, 5), ("b", "shaking.toml", "shaking", 0.2, -1, 9)]
+    assert {each.scene.run.duration for each in plan} == {2.0}
+
+
+@pytest.mark.parametrize(("fields", "what"), [
+    ('"floor.law" = ["coupled"]', lambda scene: scene.floor.law == "coupled"),
+    ('"drive.kind" = ["shaking"]', lambda scene: scene.drive.kind == "shaking"),
+    ('"drive.kind" = ["none"]', lambda scene: scene.drive is None),
+    ('"free.counts.black" = [5]', lambda scene: scene.free.counts == (("black", 5),)),
+    ('"tiles.type[1].family" = [1]', lambda scene: [t.family for t in scene.types] == [1, 1]),
+    ('"tiles.set" = ["chessboard-oriented"]', lambda scene: scene.types[0].glues[0] == 2),
+    ('"tiles.type" = [[{name = "grey", glues = [1, -1, 1, -1], colour = "grey"}]]',
+     lambda scene: scene.types[0].name == "grey"),
+    ('"reactor.shape" = ["rectangle"], "reactor.width" = [0.3], "reactor.height" = [0.2]',
+     lambda scene: scene.reactor.height == 0.2),
+    ('"seed.shape" = ["cells"], "seed.cells" = [[[0, 0, "black"]]]',
+     lambda scene: len(scene.seed.cells) == 1),
+    ('"record.checkpoint" = [4.0]', lambda scene: scene.record.checkpoint == 4.0),
+])
+def test_any_field_can_be_set_and_what_it_makes_meaningless_goes(here, fields, what):
+    (each,) = planned('scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n'
+                      f"grid = {{{fields}}}\n")
+    assert what(each.scene)
+
+
+def test_seeds_of_a_stream_depend_on_its_name_and_place_alone():
+    long = seeds_of("growth", 50)
+    assert seeds_of("growth", 8) == long[:8]
+    assert len(set(long) | set(seeds_of("maps", 50))) == 100
+    assert all(0 <= seed < 2**63 for seed in long)
+
+
+def test_the_seeds_of_a_group_can_be_a_stream(here):
+    plan = planned('scene = "scene.toml"\nseeds = {stream = "growth", number = 3}\n'
+                   '[[group]]\nname = "a"\n')
+    assert [each.scene.run.seed for each in plan] == seeds_of("growth", 3)
+
+
+def test_shares_are_disjoint_complete_and_longest_first(here):
+    plan = planned('scene = "scene.toml"\nseeds = {first = 1, number = 4}\n[[group]]\n'
+                   'name = "a"\nlist = {"drive.force" = [0.1, 0.2, 0.3], '
+                   '"run.duration" = [1.0, 9.0, 4.0]}\n')
+    shares = [share(plan, (i, 3)) for i in (1, 2, 3)]
+    assert sorted(each.name for one in shares for each in one) == sorted(
+        each.name for each in plan)
+    for one in shares:
+        costs = [each.cost for each in one]
+        assert costs == sorted(costs, reverse=True)
+        assert sum(costs) < 0.5 * sum(each.cost for each in plan)
+
+
+@pytest.mark.parametrize(("text", "name", "fragment"), [row[1:] for row in CAMPAIGNS],
+                         ids=[row[0] for row in CAMPAIGNS])
+def test_a_malformed_campaign_is_refused(here, capsys, text, name, fragment):
+    Path("broken.toml").write_text(SCENE.replace("force = 0.1", "force = -1"))
+    Path("campaign.toml").write_text(text)
+    before = sorted(here.rglob("*"))
+    assert main(["campaign", "campaign.toml", "--out", "out"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1, err
+    assert err.startswith(f"tbsa: {name}: "), err
+    assert fragment in err
+    assert sorted(here.rglob("*")) == before
+
+
+def test_there_are_many_malformed_campaigns():
+    assert len(CAMPAIGNS) >= 25
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--part", "3"], "--part: '3' must be I/N"), (["--part", "0/3"], "must be I/N"),
+    (["--part", "4/3"], "must be I/N, I from 1 to N"), (["--jobs", "0"], "must be at least 1"),
+    (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"], "must be left out with --scheduler"),
+    (["--scheduler", "nowhere:nothing"], "must be the address of a dask.distributed scheduler"),
+    (["--out", "campaign.toml"], "is a file, not a folder"),
+    (["--out", "."], "must be a new or an empty folder, or that of a campaign"),
+    (["--out", "campaign.toml/x"], "must be a folder that can be made"),
+])
+def test_arguments_that_cannot_be_are_refused(here, capsys, arguments, words):
+    before = contents(here)
+    assert main(["campaign", "campaign.toml", "--out", "out", *arguments]) == 2
+    assert words in capsys.readouterr().err
+    assert contents(here) == before
+
+
+def test_the_readmes_campaign_is_valid(here):
+    (text,) = [block for block in re.findall(
+        r"^```toml\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+        if "[[group]]" in block]
+    shutil.copytree(ROOT / "paper_runs", here / "paper_runs")
+    assert len(planned(text)) == 4 * 2 * 2 + 4 * 2
+
+
+def test_the_papers_campaign_is_36_seeds_of_each_drive():
+    plan = read_plan(ROOT / "paper_runs" / "campaign.toml")
+    assert len(plan) == 72
+    assert {each.scene.run.duration for each in plan} == {3600.0}
+    for drive in ("unicycle", "shaking"):
+        runs = [each for each in plan if each.scene.drive.kind == drive]
+        assert [each.scene.run.seed for each in runs] == list(range(1, 37))
+        assert {each.tiles for each in runs} == {591}
+
+
+def test_the_calibration_maps_both_drives_and_varies_the_readings():
+    plan = read_plan(ROOT / "paper_runs" / "calibration.toml")
+    maps = [each for each in plan if each.group.startswith("map")]
+    assert {each.scene.run.duration for each in maps} == {300.0}
+    for law in ("separate", "coupled"):
+        drives = [each.scene.drive for each in maps if each.scene.floor.law == law]
+        unicycle = [drive for drive in drives if drive.kind == "unicycle"]
+        forces, torques = ({getattr(drive, name) for drive in unicycle}
+                           for name in ("force", "torque"))
+        assert len(unicycle) == len(forces) * len(torques)
+        assert (min(forces), max(forces)) == (0.045, 0.25)
+        assert sorted(torques)[:2] == [0.0, 3e-5]
+        assert max(torques) == 6e-3
+        assert {drive.force for drive in drives if drive.kind == "shaking"} == forces
+    readings = [each for each in plan if not each.group.startswith("map")]
+    seeds = {len(each.scene.seed.cells) for each in readings}
+    assert seeds == {19, 36, 41}
+    assert {each.scene.magnet.cutoff for each in readings} == {0.02, 0.03, 0.045}
+    assert {each.scene.magnet.mismatch for each in readings} == {-1, 0}
+    assert len({each.scene.solver.substeps for each in readings}) > 1
+    assert len({each.scene.material.restitution_threshold for each in readings}) > 1
+    assert {each.scene.floor.angular_reading for each in readings} == {
+        "engine", "uniform-pressure"}
+
+
+# ---------------------------------------------------------------------------------------------
+# What it leaves.
+
+
+def test_the_runs_are_those_that_tbsa_run_makes(here, whole):
+    for each in read_plan("campaign.toml"):
+        folder = whole / "runs" / each.name
+        records.run(each.scene, here / "alone")
+        for name in ("records.npy", "checkpoint.npz", "layout.npz", "scene.toml"):
+            assert (folder / name).read_bytes() == (here / "alone" / name).read_bytes()
+        assert main(["metrics", str(here / "alone")]) == 0
+        assert (folder / "metrics.csv").read_bytes() == (here / "alone/metrics.csv").read_bytes()
+        shutil.rmtree(here / "alone")
+
+
+def test_the_table_tells_what_each_run_was_and_how_it_ended(here, whole):
+    plan, table = read_plan("campaign.toml"), pd.read_csv(whole / "table.csv")
+    assert table["run"].tolist() == [each.name for each in plan]
+    assert table["seed"].tolist() == [1, 2, 1, 2, 7]
+    assert table["drive.force"].tolist()[:4] == [0.08, 0.08, 0.1, 0.1]
+    assert set(table["status"]) == {"done"}
+    assert set(table["version"]) == {tbsa.__version__}
+    assert table["time"].tolist() == table["duration"].tolist() == [4.0] * 4 + [8.0]
+    assert table["fingerprint"].tolist() == [fingerprint(each.scene) for each in plan]
+    for row, each in zip(table.itertuples(), plan, strict=True):
+        run = tbsa.read_run(whole / "runs" / each.name)
+        found = tbsa.assembly(run.scene, run.layout, run.x[-1], run.y[-1], run.angle[-1])
+        assert (row.size, row.bonds, row.tiles) == (found.size, found.bonds, run.layout.x.size)
+        frame = tbsa.table(run.scene, run.layout, run.time, run.x, run.y, run.angle)
+        assert row.mean_size == pytest.approx(frame["size"].mean(), rel=1e-15)
+        counts = json.loads((whole / "runs" / each.name / "run.json").read_text())["counts"]
+        assert row.deepest_percent == pytest.approx(100 * counts["deepest"] / 0.03, rel=1e-15)
+        assert row.passes == counts["passes"] / counts["substeps"]
+    assert table["size"].max() > 0
+
+
+def test_the_curves_hold_every_record_of_every_run(here, whole):
+    curves = pd.read_csv(whole / "curves.csv")
+    assert curves.groupby("run", sort=False)["time"].max().tolist() == [4.0] * 4 + [8.0]
+    assert len(curves) == 4 * 5 + 9
+    walls = pd.read_csv(whole / "wall.csv")
+    assert (walls["wall"] > 0).all()
+    assert "wall" not in pd.read_csv(whole / "table.csv")
+
+
+def test_the_fingerprint_does_not_depend_on_the_process_or_the_folder(here):
+    """It is a hash of the scene's values as text; of a drive of one's own the bytes count."""
+    Path("burst.py").write_text(BURST)
+    Path("scene.toml").write_text(SCENE[:SCENE.index("[drive]")] + '[drive]\nkind = "user"\n'
+                                  'module = "burst.py"\nfunction = "burst"\nparameters = [9.0]\n')
+    shutil.copytree(here, here / "elsewhere")
+    code = ("import sys; from tbsa.model.scene import fingerprint, load; "
+            "print(fingerprint(load(sys.argv[1])))")
+    found = {subprocess.run(
+        [sys.executable, "-c", code, here / "elsewhere" / "scene.toml"], cwd=ROOT, text=True,
+        env=os.environ | {"PYTHONHASHSEED": seed, "TZ": "Asia/Tokyo", "HOSTNAME": "other"},
+        capture_output=True, check=True).stdout.strip() for seed in ("1", "2")}
+    assert found == {fingerprint(load("scene.toml"))}
+    Path("burst.py").write_text(BURST.replace("<", "<="))
+    assert fingerprint(load("scene.toml")) not in found
+
+
+def test_it_is_the_same_table_in_processes_and_in_threads(here, whole):
+    result = campaign("campaign.toml", "out", jobs=1)
+    assert (result.done, result.failed, result.left) == (5, 0, 0)
+    assert tables("out") == tables(whole)
+    assert result.table["run"].tolist() == pd.read_csv("out/table.csv")["run"].tolist()
+
+
+def test_a_finished_campaign_resumed_stays_as_it_is(here, whole, capsys):
+    shutil.copytree(whole, "out")
+    before = contents("out/runs")
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 0
+    assert capsys.readouterr().out == "5 runs done, 0 failed; table in out/table.csv\n"
+    assert contents("out/runs") == before
+    assert tables("out") == tables(whole)
+    assert list(Path("out/.locks/sessions").iterdir()) == []
+
+
+def test_the_longest_run_is_handed_out_first(here):
+    class Noting(ThreadPoolExecutor):
+        def submit(self, function, job):
+            order.append(job.scene.run.duration)
+            return super().submit(function, job)
+
+    order = []
+    with Noting(1) as pool:
+        campaign("campaign.toml", "out", executor=pool)
+    assert order == [8.0, 4.0, 4.0, 4.0, 4.0]
+
+
+def test_of_runs_broken_off_the_one_with_most_left_is_handed_out_first(here, whole):
+    class Noting(Executor):
+        def submit(self, function, job):
+            order.append(job.scene.run.seed)
+            future = Future()
+            future.set_result(("done", ""))
+            return future
+
+    order = []
+    shutil.copytree(whole, "out")
+    for path in Path("out/runs").glob("*/*/metrics.csv"):
+        path.unlink()
+    (other,) = Path("out/runs/other").glob("*/run.json")
+    for path, at in ((other, 7.0), (next(Path("out/runs/map").glob("2-*/run.json")), 1.0)):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"time": at}))
+    campaign("campaign.toml", "out", executor=Noting(), resume=True)
+    assert order[:2] == [2, 7]  # 3 s of 4, 1 s of 8, and three runs that lack their metrics only
+
+
+def test_the_bar_shows_all_runs_and_the_time_left(here, whole, capsys, monkeypatch):
+    shutil.copytree(whole, "out")
+    shutil.rmtree("out/runs/other")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(module, "POLL", 0.01)
+    done("campaign.toml", "out", resume=True, progress=True)
+    err = capsys.readouterr().err
+    assert re.search(r" 66\.7 %\|", err), err  # 4 of 5 runs, two thirds of the time
+    assert "5/5 runs done" in err
+    assert re.search(r"\[\d\d:\d\d<(\d\d:\d\d|\?)", err)
+
+
+def test_no_bar_where_it_is_not_wanted(here, capsys):
+    done("campaign.toml", "out")
+    assert capsys.readouterr().err == ""
+
+
+# ---------------------------------------------------------------------------------------------
+# Runs that fail.
+
+
+@pytest.fixture
+def failing(here):
+    """A campaign of four runs, two of which stop being finite."""
+    Path("burst.py").write_text(BURST)
+    Path("campaign.toml").write_text(
+        'scene = "scene.toml"\nseeds = [1, 2]\n[[group]]\nname = "a"\nset = {"drive.kind" = '
+        '"user", "drive.module" = "burst.py", "drive.function" = "burst"}\n'
+        'grid = {"drive.parameters" = [[2.5], [9.0]]}\n')
+    return here
+
+
+def test_a_run_that_fails_is_told_of_and_the_others_go_on(failing, capsys):
+    assert main(["campaign", "campaign.toml", "--out", "out", "--jobs", "1"]) == 1
+    out, err = capsys.readouterr()
+    assert out == "2 runs done, 2 failed; table in out/table.csv\n"
+    assert len(re.findall("failed: positions or velocities stopped being finite", err)) == 2
+    table = pd.read_csv("out/table.csv")
+    assert table["status"].tolist() == ["failed", "failed", "done", "done"]
+    assert table["message"].str.contains("stopped being finite").tolist()[:2] == [True, True]
+    assert table["size"].isna().tolist() == [True, True, False, False]
+    before = tables("out")
+    assert done("campaign.toml", "out", resume=True).failed == 2
+    assert tables("out") == before
+    # The share of another process keeps what is known of this one's.
+    assert done("campaign.toml", "out", resume=True, part=(4, 4)).failed == 0
+    assert tables("out") == before
+
+
+def test_what_an_executor_raises_is_a_failed_run(here):
+    class Losing(ThreadPoolExecutor):
+        def submit(self, function, job):
+            if job.scene.run.seed != 7:
+                return super().submit(function, job)
+            future = Future()
+            future.set_exception(RuntimeError("worker died\n3 times"))
+            return future
+
+    with Losing(1) as pool:
+        result = campaign("campaign.toml", "out", executor=pool)
+    assert (result.done, result.failed, result.left) == (4, 1, 0)
+    assert result.table["message"].iloc[-1] == "RuntimeError: worker died 3 times"
+
+
+def test_a_disk_that_fills_up_loses_nothing(here, whole):
+    left, sync = 12, os.fsync
+
+    def full(descriptor):
+        nonlocal left
+        left -= 1
+        if left <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device", "/some/where")
+        sync(descriptor)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space left"):  # not even for the table
+            done("campaign.toml", "out")
+    assert not Path("out/table.csv").exists()
+    assert len(list(Path("out/runs").glob("*/*/run.json"))) >= 1
+    assert done("campaign.toml", "out", resume=True).done == 5
+    assert tables("out") == tables(whole)
+
+
+def test_a_full_disk_is_the_message_of_the_runs_that_it_stopped(here, monkeypatch):
+    write = module.write_atomically
+
+    def full(path, data):
+        if path.name == "metrics.csv":
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        write(path, data)
+
+    monkeypatch.setattr(module, "write_atomically", full)
+    result = done("campaign.toml", "out")
+    assert result.failed == 5
+    assert set(result.table["message"]) == {"No space left on device"}
+
+
+def test_a_damaged_run_is_told_of_not_done_anew(here, whole):
+    shutil.copytree(whole, "out")
+    (victim,) = Path("out/runs/other").iterdir()
+    (victim / "checkpoint.npz").write_bytes(b"PK?")
+    (victim / "run.json").write_text((victim / "run.json").read_text().replace(
+        '"time": 8.0', '"time": 6.0'))
+    result = done("campaign.toml", "out", resume=True)
+    assert result.failed == 1
+    assert "checkpoint.npz" not in result.table["message"].iloc[-1]  # no names of folders
+    assert "is damaged" in result.table["message"].iloc[-1]
+    assert (victim / "checkpoint.npz").read_bytes() == b"PK?"
+
+
+# ---------------------------------------------------------------------------------------------
+# Interrupted.
+
+LONG = """
+scene = "scene.toml"
+set = {"run.duration" = 80.0, "record.interval" = 2.0, "record.checkpoint" = 4.0}
+[[group]]
+name = "a"
+seeds = {first = 1, number = 3}
+[[group]]
+name = "b"
+scene = "shaking.toml"
+seeds = {stream = "b", number = 1}
+set = {"run.duration" = 40.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """The folder of a campaign long enough to be killed, done without a break."""
+    home = tmp_path_factory.mktemp("long")
+    (home / "scene.toml").write_text(SCENE)
+    (home / "shaking.toml").write_text(SHAKING)
+    (home / "campaign.toml").write_text(LONG)
+    done(home / "campaign.toml", home / "out")
+    return home / "out"
+
+
+def begun(here, *arguments, **options):
+    """A process that does the long campaign."""
+    (here / "campaign.toml").write_text(LONG)
+    return subprocess.Popen(
+        [*COMMAND, here / "campaign.toml", "--out", here / "out", *arguments],
+        cwd=ROOT, start_new_session=True, stderr=subprocess.PIPE, text=True, **options)
+
+
+def reached(out):
+    """Simulated seconds of all runs, as checkpointed (s)."""
+    return sum(json.loads(path.read_text())["time"]
+               for path in Path(out).glob("runs/*/*/run.json"))
+
+
+def under_way(out):
+    """Whether a run has been checkpointed in its middle."""
+    return reached(out) > 0.0
+
+
+@pytest.mark.parametrize("send", [
+    os.killpg,  # as a terminal does, to the workers too
+    pytest.param(os.kill, marks=pytest.mark.slow),  # as a script does
+    pytest.param(lambda process, _: os.kill(process, signal.SIGTERM), marks=pytest.mark.slow),
+])
+def test_ctrl_c_saves_every_run_and_says_how_to_go_on(here, long, send):
+    child = begun(here, "--jobs", "2")
+    until(lambda: under_way("out"))
+    send(child.pid, signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert re.search(r"stopped and saved, \d runs to go", err)
+    assert err.splitlines()[-1].endswith("--resume")
+    assert "Traceback" not in err
+    assert "waiting" in set(pd.read_csv("out/table.csv")["status"])
+    for path in Path("out/runs").glob("*/*"):
+        times = np.load(path / "records.npy")["time"]
+        saved = json.loads((path / "run.json").read_text())["time"]
+        assert saved >= times[-1]  # saved when it stopped, not at the last checkpoint
+    assert done("campaign.toml", "out", resume=True).done == 4
+    assert tables("out") == tables(long)
+
+
+def test_workers_of_a_killed_campaign_save_and_end(here, long):
+    child = begun(here, "--jobs", "1")
+    until(lambda: under_way("out"))
+    child.kill()
+    child.wait()
+    # Its workers are in its group; when the last has gone the group has.
+    until(lambda: not alive(child.pid), 20.0)
+    (claim,) = Path("out/.locks/sessions").iterdir()
+    assert done("campaign.toml", "out", resume=True).done == 4
+    assert not claim.exists()
+    assert tables("out") == tables(long)
+
+
+def alive(group):
+    """Whether a process of the group is left, zombies apart."""
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, of = path.read_text().rpartition(") ")[2].split()[:3]
+        except OSError:
+            continue
+        if int(of) == group and state != "Z":
+            return True
+    return False
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_costs_no_more_than_its_checkpoint(here, long):
+    child = begun(here, "--jobs", "1")
+    until(lambda: under_way("out"))
+    os.kill(a_worker(child.pid), signal.SIGKILL)
+    assert child.wait(timeout=120) == 0, child.stderr.read()
+    assert tables("out") == tables(long)
+
+
+def a_worker(parent):
+    """The number of a process of the pool."""
+    for path in Path("/proc").glob("[0-9]*/status"):
+        try:
+            text = path.read_text()
+            words = (path.parent / "cmdline").read_text()
+        except OSError:
+            continue
+        if f"PPid:\t{parent}\n" in text and "spawn_main" in words:
+            return int(path.parent.name)
+    raise AssertionError("there is none")
+
+
+def killed(here, kills, numbers, pause=0.5):
+    """Kill the long campaign at random moments, up to `pause` s after a checkpoint."""
+    for kill in range(kills):
+        before = reached("out")
+        child = begun(here, "--resume", "--jobs", "2")
+        if numbers.random() < 0.8:
+            until(lambda before=before: reached("out") > before)
+            time.sleep(numbers.uniform(0.0, pause))
+        else:  # while it starts
+            time.sleep(numbers.uniform(0.2, 1.5))
+        assert child.poll() is None, "it ended before it was killed"
+        # All its processes, or only the one that hands out the runs.
+        (os.killpg if kill % 2 else os.kill)(child.pid, signal.SIGKILL)
+        child.wait()
+
+
+def test_killed_at_random_and_resumed_it_gives_the_same_table(here, long):
+    killed(here, 2, random.Random(4), pause=0.1)
+    assert 0.0 < reached("out") < 280.0
+    assert done("campaign.toml", "out", resume=True).done == 4
+    assert tables("out") == tables(long)
+
+
+@pytest.mark.slow
+def test_killed_twenty_times_at_random_it_gives_the_same_table(here, monkeypatch):
+    monkeypatch.setitem(globals(), "LONG", LONG.replace("80.0", "2500.0").replace("40.0", "2000.0"))
+    killed(here, 20, random.Random(5))
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 0
+    done("campaign.toml", "whole")
+    assert tables("out") == tables("whole")
+    for each in read_plan("campaign.toml"):
+        for name in ("records.npy", "checkpoint.npz", "metrics.csv", "scene.toml"):
+            assert (Path("out/runs") / each.name / name).read_bytes() == (
+                Path("whole/runs") / each.name / name).read_bytes()
+
+
+def test_killed_before_it_was_a_run_it_begins_anew(here, whole):
+    shutil.copytree(whole, "out")
+    (victim,) = Path("out/runs/other").iterdir()
+    (victim / "run.json").unlink()  # what a kill in the first moment leaves
+    (victim / "checkpoint.npz").unlink()
+    done("campaign.toml", "out", resume=True)
+    assert tables("out") == tables(whole)
+
+
+def test_killed_between_a_run_and_its_metrics_they_are_made_on_resume(here, whole):
+    shutil.copytree(whole, "out")
+    (victim,) = Path("out/runs/other").iterdir()
+    (victim / "metrics.csv").unlink()
+    before = (victim / "records.npy").read_bytes()
+    done("campaign.toml", "out", resume=True)
+    assert tables("out") == tables(whole)
+    assert (victim / "records.npy").read_bytes() == before
+
+
+# ---------------------------------------------------------------------------------------------
+# Two at once.
+
+
+def test_two_processes_on_one_campaign_are_refused(here, capsys):
+    child = begun(here, "--jobs", "1")
+    until(lambda: under_way("out"))
+    os.kill(child.pid, signal.SIGSTOP)  # so that it does not end meanwhile
+    (here / "more.toml").write_text(LONG + '[[group]]\nname = "more"\nseeds = [3]\n')
+    try:
+        for words, arguments in (
+                ("holds a campaign already: go on with it (--resume)", ["campaign.toml"]),
+                (f"is in use: process {child.pid} on ", ["campaign.toml", "--resume"]),
+                ("is doing its runs", ["campaign.toml", "--resume", "--part", "2/3"]),
+                ("is at work with another plan", ["more.toml", "--resume", "--part", "4/5"])):
+            assert main(["campaign", *arguments, "--out", "out"]) == 2
+            err = capsys.readouterr().err
+            assert err.startswith("tbsa: out: ")
+            assert err.count("\n") == 1
+            assert words in err
+    finally:
+        os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
+
+
+def test_two_processes_on_one_run_are_refused(here, capsys):
+    scene = load("scene.toml")
+    records.run(scene, "run")
+    with locked(Path("run/records.npy")):
+        before = contents("run")
+        assert main(["run", "scene.toml", "--duration", "6", "--out", "run", "--resume"]) == 2
+        assert capsys.readouterr().err == "tbsa: run: is in use: another process is at work on it\n"
+        assert contents("run") == before
+    assert records.run(replace(scene, run=Run(6.0, 1)), "run", resume=True).finished
+    assert tbsa.read_run("run").time[-1] == 6.0
+
+
+def test_a_run_holds_its_folder_while_it_goes_on(here):
+    def another(simulation, recorded):
+        with pytest.raises(Busy):
+            records.run(replace(simulation.scene, run=Run(9.0, 1)), "run", resume=True)
+        tried.append(recorded)
+
+    tried = []
+    assert records.run(load("scene.toml"), "run", progress=another).finished
+    assert tried
+
+
+def test_a_lock_is_waited_for(here):
+    order = []
+
+    def hold():
+        with locked(Path("lock")):
+            order.append("held")
+            time.sleep(0.3)
+            order.append("let go")
+
+    holder = threading.Thread(target=hold)
+    holder.start()
+    until(lambda: order)
+    with locked(Path("lock"), wait=10.0):
+        order.append("taken")
+    holder.join()
+    assert order == ["held", "let go", "taken"]
+
+
+def test_without_locks_a_run_goes_on_and_a_campaign_is_refused(here, capsys, monkeypatch):
+    monkeypatch.setattr(records, "_flock", lambda _: None)
+    assert records.run(load("scene.toml"), "run").finished
+    assert main(["campaign", "campaign.toml", "--out", "out"]) == 2
+    assert "must be on a file system with locks (flock)" in capsys.readouterr().err
+    assert not Path("out/campaign.json").exists()
+
+
+def test_shares_are_done_by_processes_of_their_own_at_the_same_time(here, long):
+    child = begun(here, "--part", "1/2", "--resume", "--jobs", "1")
+    until(lambda: under_way("out"))
+    with pytest.raises(Busy, match="is in use"):
+        done("campaign.toml", "out", resume=True, part=(1, 3))
+    assert done("campaign.toml", "out", resume=True, part=(2, 2)).done == 2
+    _, err = child.communicate(timeout=120)
+    assert child.returncode == 0, err
+    assert tables("out") == tables(long)
+
+
+# ---------------------------------------------------------------------------------------------
+# Another file on resume.
+
+
+def test_a_file_with_more_and_longer_runs_is_gone_on_with(here, whole, tmp_path):
+    shutil.copytree(whole, "out")
+    more = CAMPAIGN.replace("[0.08, 0.1]", "[0.08, 0.09, 0.1]").replace("8.0", "11.0")
+    Path("campaign.toml").write_text(more + '[[group]]\nname = "third"\nseeds = [3]\n')
+    result = done("campaign.toml", "out", resume=True)
+    assert result.done == 8
+    done("campaign.toml", "anew")
+    assert tables("out") == tables("anew")
+
+
+def test_a_longer_run_killed_before_its_metrics_does_not_keep_the_old_ones(here, whole):
+    shutil.copytree(whole, "out")
+    Path("campaign.toml").write_text(CAMPAIGN.replace("8.0", "11.0"))
+    (each,) = [each for each in read_plan("campaign.toml") if each.group == "other"]
+    folder = Path("out/runs") / each.name
+    session = here / "session"
+    session.touch()
+    job = module.Job(each.scene, folder, here / "lock", session)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "read_run", _broken_off)
+        assert module.work(job) == ("stopped", "")
+    assert json.loads((folder / "run.json").read_text())["finished"]
+    done("campaign.toml", "out", resume=True)
+    assert pd.read_csv("out/table.csv")["time"].iloc[-1] == 11.0
+
+
+def _broken_off(_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("[0.08, 0.1]", "[0.08]", "is a run of the folder, but not of this file any more"),
+    ("8.0", "6.0", "run.duration: 6.0 s is less than the 8 s"),
+    ('"run.duration" = 8.0', '"run.duration" = 8.0, "record.interval" = 0.5',
+     "record.interval, other colours or another temperature: these have to stay"),
+    ('"run.duration" = 8.0', '"run.duration" = 8.0, "temperature" = 1',
+     "these have to stay what they were"),
+])
+def test_a_file_that_does_not_fit_what_is_there_is_refused(here, whole, capsys, old, new, words):
+    shutil.copytree(whole, "out")
+    before = contents("out")
+    Path("campaign.toml").write_text(CAMPAIGN.replace(old, new))
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("tbsa: campaign.toml: ")
+    assert words in err
+    assert contents("out") == before
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("{", "is damaged"), ("[]", "is damaged"), ('{"format": 9}', "must be 1"),
+    ('{"format": 1, "runs": [{}]}', "is damaged"), ('{"format": 1}', "is damaged")])
+def test_a_damaged_plan_is_refused(here, whole, capsys, text, words):
+    shutil.copytree(whole, "out")
+    Path("out/campaign.json").write_text(text)
+    before = contents("out")
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
+    assert words in capsys.readouterr().err
+    assert contents("out") == before
+
+
+# ---------------------------------------------------------------------------------------------
+# Executors.
+
+
+def test_any_executor_will_do(here, whole):
+    class Inline(Executor):
+        """Does it on the spot."""
+
+        def submit(self, function, *arguments):
+            future = Future()
+            future.set_result(function(*arguments))
+            return future
+
+    assert campaign("campaign.toml", "out", executor=Inline()).done == 5
+    assert tables("out") == tables(whole)
+
+
+def test_an_executor_of_ones_own_is_not_shut_down(here):
+    with ThreadPoolExecutor(1) as pool:
+        campaign("campaign.toml", "out", executor=pool)
+        assert pool.submit(lambda: 1).result() == 1
+
+
+def test_workers_that_always_die_end_it_with_a_message(here, monkeypatch):
+    monkeypatch.setattr(module, "_in_pool", _dead)
+    monkeypatch.setattr(module, "LIVES", 1)
+    with pytest.raises(RuntimeError, match="workers died, the runs that are done are kept"):
+        campaign("campaign.toml", "out", jobs=1)
+    assert list(Path("out/.locks/sessions").iterdir()) == []
+    assert set(pd.read_csv("out/table.csv")["status"]) == {"waiting"}
+
+
+def _dead():
+    os._exit(3)
+
+
+def test_without_dask_it_says_what_to_install(here, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["campaign", "campaign.toml", "--out", "out", "--scheduler", "x:1"]) == 2
+    assert "needs the package distributed: pip install 'tbsa[cluster]'" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_dask_worker_killed_in_the_middle_leaves_the_same_table(here, long):
+    """A scheduler and two workers on loopback, in processes of their own."""
+    (here / "campaign.toml").write_text(LONG)
+    dask = [sys.executable, "-m", "dask"]
+    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    at = ["--scheduler-file", str(here / "scheduler.json"), "--no-dashboard"]
+    children = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", *at],
+                                 **quiet)]
+    try:
+        until((here / "scheduler.json").exists)
+        children += [subprocess.Popen([*dask, "worker", "--nthreads", "1", "--no-nanny", *at],
+                                      **quiet) for _ in range(2)]
+        address = json.loads((here / "scheduler.json").read_text())["address"]
+        command = subprocess.Popen(
+            [*COMMAND, here / "campaign.toml", "--out", here / "out", "--scheduler", address],
+            cwd=ROOT, stderr=subprocess.PIPE, text=True)
+        children.append(command)
+        until(lambda: under_way("out"))
+        children[1].kill()
+        _, err = command.communicate(timeout=120)
+        assert command.returncode == 0, err
+        assert children[2].poll() is None
+        assert tables("out") == tables(long)
+    finally:
+        for child in children:
+            child.kill()
+            child.wait()
+
+
+def test_an_error_keeps_its_words_on_the_way_between_processes():
+    import pickle
+
+    error = pickle.loads(pickle.dumps(InputError("must be 1", file="a/b.toml", field="x", value=2)))
+    assert str(error) == "a/b.toml: x: 2 must be 1"
+    assert error.without_file == "x: 2 must be 1"
