@@ -177,6 +177,8 @@ def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOAR
 
     Away from its ends a side adds the same force with every tile, so that this is a + b/n, for
     a cut-off of up to one tile width; a and b are taken from the blocks with n = 1 and 2.
+    It holds the block as a whole.  Without friction a single row, which has a alone, slides out
+    first; ``theory.statics`` finds that.
     """
     one, two = (_pull(k, law, glues) for k in (1, 2))
     return (two - one) + (2.0 * one - two) / n
