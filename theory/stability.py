@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import binom, hypergeom
+from scipy.stats import binom
 
 from theory.floor import engine_torque, max_force
 from theory.magnets import Law
@@ -79,8 +79,9 @@ def imbalance_of_occupation(plus: int, minus: int, p: float) -> tuple[float, flo
 
 def imbalance_of_choice(plus: int, minus: int, tiles: int) -> tuple[float, float]:
     """`tiles` of `plus` + `minus` sites are occupied at random (hypergeometric)."""
-    mean, variance = hypergeom.stats(plus + minus, plus, tiles, moments="mv")
-    return 2.0 * float(mean) - tiles, 2.0 * math.sqrt(float(variance))
+    sites = plus + minus
+    variance = tiles * plus * minus * (sites - tiles) / (sites**2 * max(sites - 1, 1))
+    return tiles * (plus - minus) / sites, 2.0 * math.sqrt(variance)
 
 
 def imbalance_of_families(tiles: int, share: float = 0.5) -> tuple[float, float]:
@@ -218,14 +219,21 @@ def case(name: str, n: int, force: float, torque: float = 0.0, unequal: float = 
 # Torques.
 
 
-def bond_torque(bond: float, width: float, floor: tuple[float, float] = (0.0, 0.0)) -> float:
+def bond_torque(bond: float, width: float, floor: tuple[float, float] = (0.0, 0.0),
+                mu: float = 0.25) -> float:
     """Torque that peels a tile held by one bond, about a corner of the shared edge (N m).
 
-    F_bond w/2 + T_floor, and R w/sqrt(2) more because the tile's middle moves as well, against
-    the floor's force R; the corner does not slip while F_bond + R/sqrt(2) presses on it and
-    R/sqrt(2) is within its friction.
+    F_bond w/2 + T_floor, and more by the floor's force R against the tile's middle, which moves
+    as well: (n + t) w/2 of its parts n onto the edge and t along it.  Best is n = t = R/sqrt(2),
+    if the corner's friction mu (F_bond + n) bears t; else t is at that limit.
     """
-    return 0.5 * bond * width + floor[1] + floor[0] * width / math.sqrt(2.0)
+    force, torque = floor
+    n = t = force * math.sqrt(0.5)
+    if t > mu * (bond + n):
+        half, square = mu * mu * bond, 1.0 + mu * mu
+        n = (math.sqrt(half * half + square * (force**2 - half * bond)) - half) / square
+        t = mu * (bond + n)
+    return 0.5 * (bond + n + t) * width + torque
 
 
 def critical_torque(tiles: Tiles, driven: ArrayLike | None = None,
