@@ -110,7 +110,8 @@ def make(folders: Sequence[str | Path] = DATA) -> Figure:
         for column, label, colour, marker in series:
             ax.plot(table["size"], table[column].clip(upper=TOP), marker, color=colour,
                     markersize=3, label=label, linestyle="none", clip_on=False)
-        ax.set(yscale="log", xlabel="attached tiles", title=drive)
+        ax.set(yscale="log", xlabel="attached tiles")
+        ax.set_title(drive, fontsize=8)
         ax.legend()
         ax.spines[["top", "right"]].set_visible(False)
     panels[0].set(ylabel="stability margin", ylim=(0.1, TOP))

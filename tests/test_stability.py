@@ -102,6 +102,21 @@ def test_families_push_in_opposite_directions_and_held_tiles_do_not():
     assert not load[tiles.held].any()
 
 
+def test_tiles_of_a_randomly_occupied_block_hang_together_with_the_seed():
+    n = 8
+    counts = []
+    for seed in range(30):
+        tiles, (load,) = stability.case("random occupation", n, FORCE,
+                                        rng=np.random.default_rng(seed))
+        whole = chessboard(map(tuple, tiles.site.tolist()), [(-9, -9)])
+        assert len(set(stability.groups(whole)[:-1])) == 1  # all in one piece, seed and tiles
+        imbalance = stability.net_force(load)[1] / FORCE
+        colour = tiles.colour()[tiles.free]
+        assert imbalance == pytest.approx((colour == 0).sum() - (colour == 1).sum())
+        counts.append(len(tiles.free))
+    assert 0.7 * n * n < np.mean(counts) <= 0.82 * n * n
+
+
 def test_an_unknown_case_is_refused():
     with pytest.raises(ValueError, match="cases are"):
         stability.case("lonely", 2, FORCE)

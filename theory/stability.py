@@ -27,7 +27,16 @@ from scipy.stats import binom
 
 from theory.floor import engine_torque, max_force
 from theory.magnets import Law
-from theory.statics import Statics, Tiles, block, chessboard, magnet_wrench, uniform
+from theory.statics import (
+    Site,
+    Statics,
+    Tiles,
+    block,
+    chessboard,
+    l_seed,
+    magnet_wrench,
+    uniform,
+)
 
 Reals = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -188,19 +197,25 @@ def _largest_net(loads: Sequence[Reals]) -> float:
 
 # Families of assemblies: what becomes of the argument.
 
-CASES = ("shaken", "chessboard", "random families", "unequal families", "random half turns")
+CASES = ("shaken", "chessboard", "random occupation", "random families", "unequal families",
+         "random half turns")
 
 
 def case(name: str, n: int, force: float, torque: float = 0.0, unequal: float = 0.6,
-         rng: np.random.Generator | None = None) -> tuple[Tiles, Loads]:
+         occupied: float = 0.8, rng: np.random.Generator | None = None) -> tuple[Tiles, Loads]:
     """An n x n block in an L-shaped seed, and the drive's loads on it.
 
-    All headings are +y, as where the N edge is forward, but for "random half turns".  In the
-    chessboard the family is the colour; elsewhere tiles are drawn, with a share `unequal` of one
-    family for "unequal families".
+    All headings are +y, as where the N edge is forward, but for "random half turns".  The family
+    is the colour, but for "random families", where it is drawn, and "unequal families", with a
+    share `unequal` of one.  Of "random occupation" sites are occupied with probability
+    `occupied`; tiles that do not hang together with the seed are left out.
     """
     tiles = block(n)
     rng = np.random.default_rng(0) if rng is None else rng
+    if name == "random occupation":
+        there = [site for site, held in zip(map(tuple, tiles.site.tolist()), tiles.held,
+                                            strict=True) if not held and rng.random() < occupied]
+        tiles = chessboard(_hanging(there, l_seed(n)), l_seed(n))
     family = np.where(tiles.colour() == 0, 1.0, -1.0)
     heading = np.full(len(family), 0.5 * math.pi)
     if name == "shaken":
@@ -211,9 +226,21 @@ def case(name: str, n: int, force: float, torque: float = 0.0, unequal: float = 
         family = np.where(rng.random(len(family)) < unequal, 1.0, -1.0)
     elif name == "random half turns":
         heading = heading + np.pi * rng.integers(0, 2, len(family))
-    elif name != "chessboard":
+    elif name not in ("chessboard", "random occupation"):
         raise ValueError(f"the cases are {', '.join(CASES)}")
     return tiles, unicycle(tiles, family, heading, force, torque)
+
+
+def _hanging(free: Sequence[Site], held: Sequence[Site]) -> list[Site]:
+    """The free sites that a chain of shared edges joins to the held ones; at least one."""
+    reached, border = set(held), list(held)
+    while border:
+        c, r = border.pop()
+        for site in ((c, r + 1), (c + 1, r), (c, r - 1), (c - 1, r)):
+            if site in free and site not in reached:
+                reached.add(site)
+                border.append(site)
+    return [site for site in free if site in reached] or [(0, 0)]
 
 
 # Torques.
@@ -265,7 +292,7 @@ def sizes_table(sizes: Sequence[int], force: float, torque: float, samples: int,
              f"{'tiles, T_mag':>14}"]
     for name in CASES:
         for n in sizes:
-            rows = []
+            rows: list[tuple[float, ...]] = []
             for k in range(samples if name not in CASES[:2] else 1):
                 tiles, loads = case(name, n, force, rng=np.random.default_rng(k))
                 found = margin(tiles, loads, numbers)

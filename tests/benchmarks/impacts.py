@@ -23,9 +23,10 @@ import tbsa
 from tbsa.model.scene import Drive, Floor, Magnet, PlacedTile, TileType
 from tbsa.model.simulation import Simulation, floor_limits
 from tbsa.model.tiles import ground_truth
-from tests.benchmarks.critical_load import WIDTH, law_of, scene
 from theory.magnets import pair_energy
 from theory.statics import Statics, Tiles, chessboard, uniform
+
+from .critical_load import WIDTH, law_of, scene
 
 ROW = [(i, -1) for i in range(-8, 9)]
 SHAPES = {
@@ -78,7 +79,10 @@ def binding_energy(tiles: Tiles) -> float:
 
 
 def speeds(folder: str) -> str:
-    """Quantiles of the speeds of tiles in a run that are not attached and near one that is."""
+    """Quantiles of the speeds of tiles in a run that are not attached and near one that is.
+
+    Of a drive that reverses, records at the times of u = 0 show tiles that have come to rest.
+    """
     run = tbsa.read_run(folder)
     truth = ground_truth(run.scene)
     found = []
