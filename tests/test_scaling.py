@@ -1,0 +1,224 @@
+"""The paper's scaling argument: what its steps give, and what would give the printed root."""
+
+import math
+
+import derivation
+import numpy as np
+import pytest
+from derivation import PRINTED, F_g, printed_steps, readings, slipping_load, slips
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from sympy import simplify, sqrt
+from sympy.parsing.sympy_parser import (
+    convert_xor,
+    implicit_multiplication,
+    parse_expr,
+    standard_transformations,
+)
+
+from theory import scaling, statics
+from theory.magnets import Law, force
+
+BOND = force(0.003, Law())
+MU, FLOOR = 0.25, 0.25 * 0.016 * 9.81
+DEGREE = math.pi / 180.0
+SIMULATOR = Law(cutoff=0.03, switch=0.1)
+SYMBOLS = (F_g, derivation.F, derivation.mu, derivation.R)
+
+
+# The derivation.
+
+
+def test_the_printed_norms_bound_n_by_twice_the_ratio_and_not_by_its_root():
+    force_ratio = printed_steps()
+    assert simplify(force_ratio - PRINTED**2) == 0
+    assert simplify(force_ratio - PRINTED) != 0
+
+
+def test_the_printed_root_bounds_the_root_of_n():
+    assert simplify(sqrt(printed_steps()) - PRINTED) == 0
+
+
+def test_two_slips_would_each_give_the_printed_root():
+    found = slips()
+    assert set(found) == {"n lost in the norm of F_ng", "sqrt(n) read as n"}
+    for root in found.values():
+        assert simplify(root - PRINTED) == 0
+
+
+def test_the_printed_root_has_the_right_unit():
+    """So that a check of units does not find it."""
+    unit = PRINTED.subs({F_g: derivation.m * derivation.a})  # a force over a force
+    assert unit.free_symbols == set()
+
+
+def test_every_reading_is_the_size_at_which_its_condition_is_met():
+    values = dict(zip(SYMBOLS, (0.2037, 0.075, 0.25, 0.0392), strict=True))
+    symbolic = readings()
+    assert set(symbolic) == {each.name for each in scaling.READINGS} - {"printed"}
+    for reading in scaling.READINGS[1:]:
+        expected = float(symbolic[reading.name].subs(values))
+        ours = reading.bound(*values.values())
+        assert ours == pytest.approx(expected, rel=1e-12), reading.name
+
+
+def test_the_formulas_in_the_table_are_those_of_the_derivation():
+    symbolic = readings()
+    for reading in scaling.READINGS[1:]:
+        formula = parse_expr(reading.formula, {each.name: each for each in SYMBOLS},
+                             (*standard_transformations, convert_xor, implicit_multiplication))
+        assert simplify(formula - symbolic[reading.name]) == 0, reading.name
+
+
+def test_the_balance_of_a_sliding_block_gives_the_load_at_which_it_slips():
+    for k in (1, 3, 10):
+        values = {F_g: BOND, derivation.mu: MU, derivation.R: FLOOR, derivation.n: k}
+        value = float(slipping_load().subs(values))
+        assert value == pytest.approx(scaling.slip_onset(0.0, k, BOND, MU, FLOOR), rel=1e-12)
+
+
+# The steps as functions.
+
+
+def test_the_printed_glue_force_has_another_norm_and_the_other_sign():
+    printed = scaling.net_glue_force_printed(5, BOND)
+    ours = scaling.net_glue_force(5, BOND)
+    assert np.linalg.norm(printed) == pytest.approx(10 * BOND, rel=1e-12)
+    assert np.linalg.norm(ours) == pytest.approx(math.sqrt(2.0) * 5 * BOND, rel=1e-12)
+    assert printed @ ours < 0.0
+
+
+def test_net_tile_force_is_the_sum_over_all_tiles():
+    each = np.tile([0.016 * 2.0, -0.016 * 3.0], (49, 1))
+    assert scaling.net_force(each) == pytest.approx(scaling.net_tile_force(7, 0.016, [2.0, -3.0]))
+
+
+@given(st.floats(0.0, 2.0 * math.pi), st.integers(1, 12), st.floats(0.01, 0.3))
+@settings(deadline=None)
+def test_the_quadrant_condition_is_the_frictionless_critical_load(angle, size, load):
+    limit = scaling.critical_load(angle, size, BOND)
+    assume(abs(load / limit - 1.0) > 1e-6)
+    pull = scaling.net_tile_force(size, 1.0, [load * math.cos(angle), load * math.sin(angle)])
+    assert scaling.leaves_quadrant(pull, scaling.net_glue_force(size, BOND)) == (load > limit)
+
+
+def test_norm_and_quadrant_agree_on_the_diagonal_and_the_norm_errs_on_the_axis():
+    glue = scaling.net_glue_force(4, BOND)
+    for angle, agree in ((45.0, True), (0.0, False)):
+        way = np.array([math.cos(angle * DEGREE), math.sin(angle * DEGREE)])
+        load = 1.001 * scaling.critical_load(angle * DEGREE, 4, BOND) * way
+        pull = scaling.net_tile_force(4, 1.0, load)
+        assert scaling.leaves_quadrant(pull, glue)
+        assert scaling.exceeds_norm(pull, glue) == agree
+
+
+# Loads of a block.
+
+
+def test_critical_loads_are_those_of_the_formulas():
+    for k in (1, 2, 4, 10):
+        g = BOND / k
+        for mu, floor, axis, diagonal in (
+                (0.0, 0.0, g, math.sqrt(2.0) * g),
+                (MU, 0.0, (1.0 + MU) * g, math.sqrt(2.0) * g),
+                (MU, FLOOR, (1.0 + MU) * g + FLOOR * math.hypot(1.0, MU),
+                 math.sqrt(2.0) * g + FLOOR)):
+            assert scaling.critical_load(0.0, k, BOND, mu, floor) == pytest.approx(axis, rel=1e-12)
+            assert scaling.critical_load(45 * DEGREE, k, BOND, mu, floor) == pytest.approx(
+                diagonal, rel=1e-12)
+
+
+def test_at_22_degrees_a_large_block_lifts_off_before_its_state_of_rest_ends():
+    onset = scaling.slip_onset(22.5 * DEGREE, 10, BOND, MU, FLOOR)
+    assert onset == pytest.approx(0.0643, abs=5e-5)
+    assert scaling.critical_load(22.5 * DEGREE, 10, BOND, MU, FLOOR) == pytest.approx(
+        0.0646, abs=5e-5)
+    pull = onset * np.array([math.cos(22.5 * DEGREE), math.sin(22.5 * DEGREE)]) - BOND / 10
+    assert np.hypot(*pull) == pytest.approx(FLOOR, rel=1e-9)
+    assert pull.min() >= 0.0
+
+
+def test_slip_on_the_axis_is_along_the_wall():
+    assert scaling.slip_onset(0.0, 2, BOND, MU, FLOOR) == pytest.approx(0.1666, abs=5e-5)
+
+
+@given(st.floats(0.0, 0.5 * math.pi), st.integers(1, 12), st.floats(0.0, 0.9),
+       st.floats(0.0, 0.1))
+@settings(deadline=None, max_examples=300)
+def test_slip_begins_no_later_than_rest_ends_and_no_earlier_than_without_floor(
+        angle, size, mu, floor):
+    rest = scaling.critical_load(angle, size, BOND, mu, floor)
+    onset = scaling.slip_onset(angle, size, BOND, mu, floor)
+    assert onset <= rest * (1.0 + 1e-9)
+    assert onset >= scaling.critical_load(angle, size, BOND, mu) * (1.0 - 1e-9)
+    if floor == 0.0:
+        assert onset == pytest.approx(rest, rel=1e-9)
+
+
+@given(st.floats(0.0, 0.5 * math.pi), st.integers(1, 12), st.floats(0.0, 0.9),
+       st.floats(0.0, 0.1))
+@settings(deadline=None)
+def test_no_direction_is_worse_than_atan_mu_off_an_axis(angle, size, mu, floor):
+    worst = scaling.critical_load(scaling.worst_angle(mu), size, BOND, mu, floor)
+    assert worst == pytest.approx((1.0 + mu) * BOND / size / math.hypot(1.0, mu) + floor, rel=1e-12)
+    assert scaling.critical_load(angle, size, BOND, mu, floor) >= worst * (1.0 - 1e-12)
+
+
+def test_a_load_into_the_corner_is_always_borne():
+    assert scaling.critical_load(225 * DEGREE, 3, BOND) == math.inf
+    assert scaling.slip_onset(225 * DEGREE, 3, BOND) == math.inf
+
+
+# The readings.
+
+
+def test_each_bound_is_where_its_load_is_critical():
+    load = 0.06
+    angles = {"diagonal": 45.0, "quadrant": 0.0, "tile friction, axis": 0.0,
+              "tile friction, rotating": math.atan(MU) / DEGREE,
+              "floor friction, axis, rest": 0.0,
+              "floor friction, rotating, rest": math.atan(MU) / DEGREE,
+              "floor friction, diagonal": 45.0}
+    found = {each.name: each.bound(BOND, load, MU, FLOOR) for each in scaling.READINGS}
+    for name, angle in angles.items():
+        mu = MU if "friction" in name else 0.0
+        floor = FLOOR if "floor" in name else 0.0
+        assert scaling.critical_load(angle * DEGREE, found[name], BOND, mu, floor) == pytest.approx(
+            load, rel=1e-9), name
+    assert scaling.slip_onset(0.0, found["floor friction, axis, slip"], BOND, MU,
+                              FLOOR) == pytest.approx(load, rel=1e-9)
+
+
+def test_a_load_within_the_floor_friction_has_no_bound():
+    for each in scaling.READINGS:
+        bound = each.bound(BOND, 0.9 * FLOOR, MU, FLOOR)
+        assert math.isinf(bound) == each.name.startswith("floor")
+
+
+@pytest.mark.parametrize(("glues", "expected"), [
+    (statics.CHESSBOARD, (0.1024, 0.0880, 0.0808, 0.0765)),
+    (statics.ORIENTED, (0.1156, 0.1012, 0.0940, 0.0897))])
+def test_bonds_of_a_block_with_all_pairs(glues, expected):
+    for k, value in zip((1, 2, 4, 10), expected, strict=True):
+        assert scaling.seed_bond(k, SIMULATOR, glues) == pytest.approx(value, abs=5e-5)
+        tiles = statics.block(k, glues)
+        pull = statics.magnet_wrench(tiles, SIMULATOR, mating=False)[tiles.free].sum(axis=0)
+        assert -pull[:2] / k == pytest.approx([scaling.seed_bond(k, SIMULATOR, glues)] * 2,
+                                              rel=1e-9)
+
+
+def test_a_bound_with_all_pairs_is_met_by_the_bonds_of_its_size():
+    for each in scaling.READINGS:
+        size = scaling.bound_all_pairs(each, 0.075, MU, FLOOR, SIMULATOR)
+        bond = scaling.seed_bond(size, SIMULATOR)
+        assert each.bound(bond, 0.075, MU, FLOOR) == pytest.approx(size, rel=1e-9)
+        assert size < each.bound(BOND, 0.075, MU, FLOOR)
+
+
+def test_the_report_has_every_reading_with_its_assumption():
+    text = scaling.report(0.075)
+    for each in scaling.READINGS:
+        line = next(line for line in text.splitlines() if line.startswith(each.name + " "))
+        assert f"{each.bound(BOND, 0.075, MU, FLOOR):.2f}" in line
+        assert each.formula in line
+        assert each.assumes in text

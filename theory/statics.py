@@ -1,0 +1,463 @@
+"""Exact statics of an assembly of tiles on the square lattice, by linear programming.
+
+A load can be borne if there are contact and floor forces within their bounds that balance it and
+the magnets on every free tile:
+
+- two contact points on each shared edge, with normal forces N >= 0 and Coulomb friction
+  |T| <= mu (N_0 + N_1) (both points lie on one line, so that only the sum of their friction
+  matters);
+- a floor force within a disc and a floor torque within an interval, on each tile;
+- magnet forces as they are at the lattice positions.
+
+The loads that can be borne are a convex set.  The critical factor is the largest multiple of a
+load in it: a load beyond it moves the assembly, a load below it can be borne.  Whether it is
+borne depends, with friction, on forces that the past has left: slip can begin earlier, see
+``theory.scaling.slip_onset``.  Friction does not associate its slip with its bound, so that the
+dual of the program is a mode of an assembly that dilates as it slides; it is given as that only.
+
+Discs are inscribed polygons, refined where it matters, see :class:`Statics`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.optimize import linprog
+from scipy.spatial import cKDTree
+
+from theory.magnets import Glues, Law, force, polarity
+
+Reals = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Site = tuple[int, int]  # column, row
+
+CHESSBOARD: tuple[Glues, Glues] = ((1, 2, 1, 2), (-1, -2, -1, -2))  # black, white; (0, 0) black
+ORIENTED: tuple[Glues, Glues] = ((2, 2, -1, -1), (1, 1, -2, -2))  # the second tile set
+
+# A load factor above this, in units of the forces at hand, counts as no bound at all.
+UNBOUNDED = 1e3
+# Of the force scale: a contact that can carry more than a tenth of it still presses or sticks.
+# HiGHS keeps its constraints to 1e-7.
+SPARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """Tiles on lattice sites.
+
+    Attributes
+    ----------
+    site : int64[n, 2]
+        Column and row, each site once; the width of a tile apart.
+    glues : int64[n, 4]
+        Labels that face N, E, S, W (of a turned tile: after its turn).
+    held : bool[n]
+    """
+
+    site: Ints
+    glues: Ints
+    held: Mask
+
+    def __post_init__(self) -> None:
+        n = len(self.site)
+        if (self.site.shape, self.glues.shape, self.held.shape) != ((n, 2), (n, 4), (n,)):
+            raise ValueError("site, glues and held must be of shapes [n, 2], [n, 4] and [n]")
+        if len(np.unique(self.site, axis=0)) != n:
+            raise ValueError("two tiles are at one site")
+
+    @property
+    def free(self) -> Ints:
+        """Numbers of the tiles that are not held."""
+        return np.flatnonzero(~self.held)
+
+    def colour(self) -> Ints:
+        """0 and 1 as the fields of a chessboard, (0, 0) has 0."""
+        return np.asarray(self.site.sum(axis=1) % 2)
+
+
+def chessboard(free: Iterable[Site], held: Iterable[Site],
+               glues: Sequence[Glues] = CHESSBOARD) -> Tiles:
+    """Tiles of the chessboard's pattern: `free` sites, then `held` ones."""
+    free, held = list(free), list(held)
+    site = np.array(free + held, dtype=np.int64).reshape(-1, 2)
+    facing = np.array(glues, dtype=np.int64)[site.sum(axis=1) % 2]
+    return Tiles(site, facing, np.arange(len(site)) >= len(free))
+
+
+def l_seed(n: int) -> list[Site]:
+    """Sites of an L-shaped seed: its corner at (-1, -1) and two sides of n tiles."""
+    return [(-1, -1), *((-1, i) for i in range(n)), *((i, -1) for i in range(n))]
+
+
+def block(n: int, glues: Sequence[Glues] = CHESSBOARD) -> Tiles:
+    """The paper's n x n block in the corner of an L-shaped seed with sides of n tiles."""
+    return chessboard([(i, j) for j in range(n) for i in range(n)], l_seed(n), glues)
+
+
+def magnet_wrench(tiles: Tiles, law: Law, *, mating: bool) -> Reals:
+    """Force and torque of the magnets on every tile: float64[n, 3] (N, N, N m).
+
+    `mating`: only the two magnets of a shared edge, as in the paper's argument (whether they
+    attract or repel); else every pair within the law's cut-off, with its switch, as the
+    simulator has it.
+    """
+    d = 0.5 * law.width - law.inset
+    arm = d * np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0]])
+    place = (law.width * tiles.site[:, None] + arm).reshape(-1, 2)
+    gap = 2.0 * law.inset
+    reach = min(law.cutoff, 1e3 * law.width) if not mating else gap
+    pairs = cKDTree(place).query_pairs(reach * (1.0 + 1e-9), output_type="ndarray")
+    p, q = pairs[pairs[:, 0] // 4 != pairs[:, 1] // 4].T  # rigid: a tile's own do not count
+    way = place[q] - place[p]
+    distance = np.hypot(*way.T)
+    # On a lattice there are few distances.
+    nearby, which = np.unique(np.round(distance / law.width, 12), return_inverse=True)
+    size = np.array([force(r * law.width, law) for r in nearby])[which] if len(p) else distance
+    label = tiles.glues.ravel()
+    sign = [polarity(int(a), int(b), law) for a, b in zip(label[p], label[q], strict=True)]
+    pull = (size * sign / distance)[:, None] * way
+    wrench = np.zeros((len(tiles.site), 3))
+    for magnet, each in ((p, pull), (q, -pull)):
+        lever = arm[magnet % 4]
+        turn = lever[:, 0] * each[:, 1] - lever[:, 1] * each[:, 0]
+        np.add.at(wrench, magnet // 4, np.column_stack([each, turn]))
+    return wrench
+
+
+class Contacts(NamedTuple):
+    """A state of rest, and what is at its limit in every state of rest at this load."""
+
+    normal: Reals  # [m, 2], N, at the two points of each edge
+    friction: Reals  # [m], N, along the tangent, on the second tile
+    floor: Reals  # [n, 3], N, N, N m, on each tile
+    opens: Mask  # [m, 2]: no pressure left
+    slips: Mask  # [m]: pressed, and friction at its limit
+    slides: Mask  # [n]: the floor's force at its limit
+    turns: Mask  # [n]: the floor's torque at its limit
+
+
+class Rest(NamedTuple):
+    """The critical multiple of a load."""
+
+    factor: float  # inf: no bound; 0: no state of rest even without it
+    error: float  # the exact factor is between factor and factor + error
+    contacts: Contacts | None  # just below the critical load
+    mode: Reals | None  # [n, 3], m/s, m/s, rad/s for a power of 1 W of the load; see the text above
+
+
+class Phase(NamedTuple):
+    """The worst phase of a load cos(phase) a + sin(phase) b."""
+
+    factor: float  # as of :class:`Rest`
+    phase: float  # rad
+    error: float
+
+
+class Statics:
+    """The states of rest of an assembly.
+
+    Parameters
+    ----------
+    tiles
+    law
+        Of the magnets; ``Law()`` has no cut-off, the simulator's default is
+        ``Law(cutoff=0.03, switch=0.1)``.
+    mating
+        Which magnets count, see :func:`magnet_wrench`.
+    mu
+        Friction between tiles.
+    floor
+        Largest force (N) and torque (N m) of the floor on a tile.
+    rigid
+        Tiles of one number (int64[n]) move as one body, whatever holds them together; by default
+        each on its own.
+    tolerance
+        Relative, of a floor's disc.
+
+    Notes
+    -----
+    A floor force is a sum of at most 1 of forces at the corners of a polygon inscribed in its
+    disc, at first a regular 16-gon, which may be 2 % short.  The dual gives a velocity to every
+    tile, and so what the load could gain if the polygons were discs: sum of R |v| less what the
+    corners give.  That bounds the error, since the factor with polygons is borne, and no load
+    of more than the factor plus the gain is.  Corners are added along those velocities until the
+    bound is below `tolerance` (columns generated, after Dantzig and Wolfe).
+    """
+
+    def __init__(self, tiles: Tiles, law: Law, *, mating: bool, mu: float = 0.0,
+                 floor: tuple[float, float] = (0.0, 0.0), rigid: ArrayLike | None = None,
+                 tolerance: float = 1e-4) -> None:
+        if tiles.held.all():
+            raise ValueError("there is no free tile")
+        self.tiles, self.mu, self.floor = tiles, mu, floor
+        self.tolerance = tolerance
+        self.width = law.width
+        n, f = len(tiles.site), len(tiles.free)
+        body = np.arange(n) if rigid is None else np.asarray(rigid, dtype=np.int64)
+        body = np.where(tiles.held, -1, body)  # the held tiles are one body that does not move
+        self.magnets = magnet_wrench(tiles, law, mating=mating)
+        self.edges = _shared_edges(tiles, body)
+        self.scale = max(float(np.abs(self.magnets[:, :2]).max()), floor[0],
+                         2.0 * floor[1] / law.width) or 1.0
+        self._gather = self._equations(body)
+        self._columns = self._gather @ self._forces()
+        self._corner_of = np.repeat(np.arange(f), 16)  # which free tile, and where: [k, 2]
+        angle = np.tile(2.0 * np.pi * np.arange(16) / 16, f)
+        self._corners = np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def _equations(self, body: Ints) -> Any:
+        """Sums wrenches over each body, the torque about its middle in units of width/2."""
+        tiles, n = self.tiles, len(self.tiles.site)
+        free = tiles.free
+        number = np.unique(body[free], return_inverse=True)[1]
+        count = np.bincount(number)
+        middle = np.column_stack([np.bincount(number, tiles.site[free, k]) / count
+                                  for k in (0, 1)])
+        x, y = 2.0 * (tiles.site[free] - middle[number]).T  # in units of width/2
+        one, row, column = np.ones(len(free)), 3 * number, 3 * free
+        parts = ((one, row, column), (one, row + 1, column + 1),
+                 (one * 2.0 / self.width, row + 2, column + 2),
+                 (-y, row + 2, column), (x, row + 2, column + 1))
+        values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return sparse.csr_array((values, (rows, columns)), shape=(3 * len(count), 3 * n))
+
+    def _forces(self) -> Any:
+        """Wrench on every tile of each unknown: N_0 and N_1 of the edges, T, floor torque."""
+        half, n, m, f = 0.5 * self.width, len(self.tiles.site), len(self.edges), self.tiles.free
+        a, b, north = self.edges.T
+        nx, ny = 1.0 - north, 1.0 * north  # from a to b; the tangent is (-ny, nx)
+        edge, one = np.arange(m), np.ones(m)
+        # A floor torque is counted in units of force, as a torque over half the width.
+        parts = [(np.full(len(f), half), 3 * f + 2, 3 * m + np.arange(len(f)))]
+        for tile, sign in ((a, -1.0), (b, 1.0)):
+            for point, side in ((0, -1.0), (1, 1.0)):  # at -half and +half along the tangent
+                for k, value in enumerate((sign * nx, sign * ny, -sign * side * half * one)):
+                    parts.append((value, 3 * tile + k, 2 * edge + point))
+            for k, value in enumerate((-sign * ny, sign * nx, -half * one)):
+                parts.append((value, 3 * tile + k, 2 * m + edge))
+        values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return sparse.csr_array((values, (rows, columns)), shape=(3 * n, 3 * m + len(f)))
+
+    def _program(self, others: Any, spare: bool) -> tuple[Any, ...]:
+        """Matrices and bounds in units of `scale`: A_ub, b_ub, A_eq, bounds.
+
+        The unknowns are those of :meth:`_forces`, the weights of the corners, and `others`, which
+        are given by their columns.  With `spare` they are a number between 0 and SPARE for each
+        bound (of N, T, floor force, floor torque) that keeps the others off it.
+        """
+        m, f, k = len(self.edges), len(self.tiles.free), len(self._corners)
+        force, torque = self.floor[0] / self.scale, 2.0 * self.floor[1] / self.width / self.scale
+        row = np.repeat(3 * self.tiles.free[self._corner_of], 2) + np.tile([0, 1], k)
+        corners = self._gather @ sparse.csr_array(
+            (force * self._corners.ravel(), (row, np.repeat(np.arange(k), 2))),
+            shape=(3 * len(self.tiles.site), k))
+        equal = sparse.hstack([self._columns, corners, others])
+        rest, eye = others.shape[1], sparse.eye_array
+        low = np.concatenate([np.zeros(2 * m), np.full(m, -np.inf), np.full(f, -torque),
+                              np.zeros(k + rest)])
+        high = np.concatenate([np.full(3 * m, np.inf), np.full(f, torque), np.full(k, np.inf),
+                               np.full(rest, SPARE if spare else UNBOUNDED)])
+        press = sparse.kron(eye(m), [[self.mu, self.mu]])
+        weights = sparse.csr_array((np.ones(k), (self._corner_of, np.arange(k))), shape=(f, k))
+        rows = [[-press, eye(m), sparse.csr_array((m, f)), None], [-press, -eye(m), None, None],
+                [None, None, None, weights]]
+        above = np.concatenate([np.zeros(2 * m), np.ones(f)])
+        if not spare:
+            none = sparse.csr_array((2 * m + f, rest))
+            return sparse.hstack([sparse.block_array(rows), none]), above, equal, low, high
+        rows += [[-eye(2 * m), None, None, None], [None, None, eye(f), None],
+                 [None, None, -eye(f), None]]
+        # Of N, T, floor force, floor torque, in the order of the rows.
+        kept = [[None, eye(m), None, None], [None, eye(m), None, None], [None, None, eye(f), None],
+                [eye(2 * m), None, None, None], [None, None, None, eye(f)],
+                [None, None, None, eye(f)]]
+        matrix = sparse.hstack([sparse.block_array(rows), sparse.block_array(kept)])
+        above = np.concatenate([above, np.zeros(2 * m), np.full(2 * f, torque)])
+        return matrix, above, equal, low, high
+
+    def _solve(self, gain: Reals, program: tuple[Any, ...], load: Reals | float) -> Any:
+        """Maximise gain . (the last unknowns) under the magnets and a load; None: no solution."""
+        matrix, above, equal, low, high = program
+        right = -(self._gather @ (self.magnets + load).ravel()) / self.scale
+        goal = np.zeros(len(low))
+        goal[len(low) - len(gain):] = -gain
+        for method in ("highs-ipm", "highs-ds"):  # the first is faster, the second sturdier
+            result = linprog(goal, A_ub=matrix, b_ub=above, A_eq=equal, b_eq=right,
+                             bounds=np.column_stack([low, high]), method=method)
+            if result.status in (0, 2):
+                break
+        if result.status == 2:
+            return None
+        if result.status != 0:
+            raise RuntimeError(f"the linear program was not solved: {result.message}")
+        return result
+
+    def _support(self, loads: Sequence[Reals], gain: Reals, low: float,
+                 high: float = UNBOUNDED,
+                 dead: Reals | float = 0.0) -> tuple[Reals, float, Reals] | None:
+        """The borne combination of loads (in units of `scale`) that gains most.
+
+        Its coefficients, by how much its gain may be short of the largest, and the mode; None
+        where nothing is borne.
+        """
+        others = sparse.csr_array(np.column_stack([self._gather @ load.ravel() for load in loads]))
+        f, k, m = len(self.tiles.free), len(loads), len(self.edges)
+        radius = self.floor[0] / self.scale
+        while True:
+            program = self._program(others, False)
+            program[3][-k:], program[4][-k:] = low, high
+            result = self._solve(gain, program, dead)
+            if result is None:
+                return None
+            power = (self._gather.T @ result.eqlin.marginals).reshape(-1, 3)
+            speed = np.hypot(*power[self.tiles.free, :2].T)
+            short = radius * speed + result.ineqlin.marginals[2 * m:2 * m + f]
+            short = np.maximum(short, 0.0) if radius > 0.0 else np.zeros(f)
+            allowed = max(self.tolerance * abs(result.fun), 1e-7)
+            if short.sum() <= allowed:
+                return result.x[-k:], float(short.sum()), -power
+            self._refine(np.flatnonzero(short > 0.1 * allowed / f),
+                         power[self.tiles.free, :2] / np.maximum(speed, 1e-300)[:, None])
+
+    def _refine(self, which: Ints, way: Reals) -> None:
+        """New corners of some free tiles' polygons, on either side of their best one at `way`.
+
+        One is along `way`, the other its mirror image: the corner was already best for a range of
+        directions, of which the dual shows one alone.
+        """
+        gain = np.sum(self._corners * way[self._corner_of], axis=1)
+        order = np.lexsort((gain, self._corner_of))
+        last = order[np.append(np.diff(self._corner_of[order]) > 0, True)]
+        best, way = self._corners[last][which], way[which]
+        mirror = 2.0 * np.sum(best * way, axis=1)[:, None] * best - way
+        self._corner_of = np.concatenate([self._corner_of, which, which])
+        self._corners = np.concatenate([self._corners, way, mirror])
+
+    def _load(self, load: ArrayLike) -> tuple[Reals, float]:
+        """A load of size 1 and its size (N)."""
+        load = np.asarray(load, dtype=np.float64)
+        if load.shape != self.magnets.shape:
+            raise ValueError(f"a load must be force and torque of every tile, {self.magnets.shape}")
+        load = np.where(self.tiles.held[:, None], 0.0, load)
+        size = max(float(np.abs(load[:, :2]).max()), 2.0 * float(np.abs(load[:, 2]).max())
+                   / self.width)
+        return (load / size if size > 0.0 else load), size
+
+    def rest(self, load: ArrayLike, *, dead: ArrayLike | None = None,
+             contacts: bool = True) -> Rest:
+        """The largest factor by which `load` (float64[n, 3], N, N, N m) can be multiplied.
+
+        `dead` is a load that is there as it is.  `contacts`: also find a state of rest there, and
+        what it leaves no freedom.
+        """
+        unit, size = self._load(load)
+        if size == 0.0:
+            raise ValueError("there is no load")
+        fixed = np.zeros_like(unit) if dead is None else np.multiply(*self._load(dead))
+        found = self._support([unit], np.ones(1), 0.0, dead=fixed)
+        if found is None:
+            return Rest(0.0, 0.0, None, None)
+        (factor,), error, power = found
+        if factor > 0.99 * UNBOUNDED:
+            return Rest(math.inf, 0.0, None, None)
+        ratio = self.scale / size
+        work = float(np.sum(power * unit)) * size
+        near = fixed + factor * (1.0 - 1e-6) * self.scale * unit
+        state = self.contacts(near) if contacts else None
+        mode = power / work if work > 0.0 else None
+        return Rest(float(factor) * ratio, error * ratio, state, mode)
+
+    def contacts(self, load: ArrayLike) -> Contacts | None:
+        """A state of rest under `load` with as many contacts inside their bounds as can be.
+
+        None where there is none.  Maximising the sum of min(spare, SPARE) over all bounds finds
+        a point inside every bound that some state of rest leaves open, so that what is at its
+        limit here is at its limit in all of them, to SPARE of the largest force.
+        """
+        unit, size = self._load(load)
+        m, f, k = len(self.edges), len(self.tiles.free), len(self._corners)
+        others = sparse.csr_array((self._columns.shape[0], 3 * m + 2 * f))
+        result = self._solve(np.ones(3 * m + 2 * f), self._program(others, True), size * unit)
+        if result is None:
+            return None
+        normal, friction, torque, weight, spare = np.split(
+            result.x, np.cumsum([2 * m, m, f, k]))
+        tight = spare < 0.1 * SPARE
+        opens, slips, slide, turn = np.split(tight, np.cumsum([2 * m, m, f]))
+        n, free = len(self.tiles.site), self.tiles.free
+        floor, slides, turns = np.zeros((n, 3)), np.zeros(n, bool), np.zeros(n, bool)
+        np.add.at(floor[:, :2], free[self._corner_of],
+                  self.floor[0] * weight[:, None] * self._corners)
+        floor[free, 2] = 0.5 * self.width * self.scale * torque
+        slides[free], turns[free] = slide & (self.floor[0] > 0.0), turn & (self.floor[1] > 0.0)
+        opens = opens.reshape(m, 2)
+        return Contacts(normal.reshape(m, 2) * self.scale, friction * self.scale, floor,
+                        opens, slips & ~opens.all(axis=1), slides, turns)
+
+    def worst_phase(self, a: ArrayLike, b: ArrayLike) -> Phase:
+        """The worst phase of the load cos(phase) a + sin(phase) b (each float64[n, 3]).
+
+        Notes
+        -----
+        The pairs of coefficients that are borne are a convex set about the origin, and the worst
+        phase leads to its nearest edge.  A polygon of borne points is grown outwards from its
+        nearest edge: where no point lies beyond this, it is an edge of the set itself, and no
+        phase is worse.
+        """
+        unit_a, size_a = self._load(a)
+        unit_b, size_b = self._load(b)
+        size = max(size_a, size_b)
+        if size == 0.0:
+            raise ValueError("there is no load")
+        loads = [unit_a * (size_a / size), unit_b * (size_b / size)]
+        # From four rays; what lies further out than twice the shortest does not matter.
+        axes = [np.array(axis, float) for axis in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+        rays = [self._support([axis[0] * loads[0] + axis[1] * loads[1]], np.ones(1), 0.0)
+                for axis in axes]
+        if any(ray is None for ray in rays):
+            return Phase(0.0, math.nan, 0.0)
+        length = [float(ray[0][0]) for ray in rays if ray is not None]
+        far = min(2.0 * min(length), UNBOUNDED)
+        points = [min(r, far) * axis for r, axis in zip(length, axes, strict=True)]
+        while True:
+            points = [p for p, q in zip(points, points[1:] + points[:1], strict=True)
+                      if np.abs(p - q).max() > 1e-6]
+            if len(points) < 2:
+                return Phase(0.0, math.nan, 0.0)
+            way = np.array(points[1:] + points[:1]) - np.array(points)
+            normal = np.column_stack([way[:, 1], -way[:, 0]]) / np.hypot(*way.T)[:, None]
+            height = np.sum(normal * np.array(points), axis=1)
+            k = int(np.argmin(height))
+            if height[k] > 0.99 * UNBOUNDED:
+                return Phase(math.inf, math.nan, 0.0)
+            found = self._support(loads, normal[k], -far, far)
+            assert found is not None
+            point, error, _ = found
+            beyond = float(normal[k] @ point) - height[k]
+            if beyond <= max(2.0 * self.tolerance * abs(height[k]), 1e-6):
+                ratio = self.scale / size
+                return Phase(max(float(height[k]), 0.0) * ratio,
+                             math.atan2(normal[k, 1], normal[k, 0]),
+                             (max(beyond, 0.0) + error) * ratio)
+            points.insert(k + 1, point)
+
+
+def _shared_edges(tiles: Tiles, body: Ints) -> Ints:
+    """Neighbours in different bodies, int64[m, 3]: a tile, the one at E or N of it, 0 or 1."""
+    at = {site: i for i, site in enumerate(map(tuple, tiles.site.tolist()))}
+    found = [(i, j, north) for (c, r), i in at.items()
+             for north, other in enumerate(((c + 1, r), (c, r + 1)))
+             if (j := at.get(other)) is not None and body[i] != body[j]]
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
+
+
+def uniform(tiles: Tiles, fx: float, fy: float, torque: float = 0.0) -> Reals:
+    """The same load on every free tile, float64[n, 3]."""
+    return np.where(tiles.held[:, None], 0.0, np.array([fx, fy, torque]))
