@@ -108,13 +108,12 @@ def empty_rows(n: int, capacity: int) -> Rows:
     blocks = capacity // int(LANES) + 2 * COLOURS
     field = np.zeros(blocks * int(BLOCK) + 8)
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
-    return Rows(
-        *(np.zeros(capacity, np.int64) for _ in range(4)),
-        field[shift : shift + blocks * int(BLOCK)], np.zeros(blocks * int(BODIES), np.int64),
-        np.zeros(COLOURS + 1, np.int64), *(np.zeros(blocks, np.int64) for _ in range(4)),
-        *(np.zeros(capacity, np.int64) for _ in range(3)), np.zeros(n + 2, np.int64),
-        np.zeros(2 * capacity, np.int64), np.zeros(n + 1, np.int64),
-        np.zeros(COLOURS, np.int64), np.zeros(1, np.int64))
+    whole = [capacity] * 4, [COLOURS + 1], [blocks] * 4, [capacity] * 3, [n + 2, 2 * capacity]
+    lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
+    return Rows(*lists[0], field[shift : shift + blocks * int(BLOCK)],
+                np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3],
+                *lists[4], np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
+                np.zeros(1, np.int64))
 
 
 def empty_impulses(capacity: int) -> Impulses:

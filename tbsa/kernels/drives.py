@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 from numba import cfunc, types
 
+from tbsa.kernels.geometry import cos_sin
+
 _scalar = types.float64
 _array = types.Array(types.float64, 1, "C")
 ENGINE = types.void(_scalar, *[_array] * 12)
@@ -47,11 +49,12 @@ def unicycle(t: float, p: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.nd
     p = (F_mag, T_mag, f).  Paper, section "Tile drive".
     """
     u = math.sin(2.0 * math.pi * p[2] * t)
+    force, turn = u * p[0], u * p[1]
     for i in range(x.size):
-        gain = u * family[i]
-        fx[i] += gain * p[0] * math.cos(angle[i] + forward[i])
-        fy[i] += gain * p[0] * math.sin(angle[i] + forward[i])
-        torque[i] += gain * p[1]
+        cos, sin = cos_sin(angle[i] + forward[i])
+        fx[i] += family[i] * force * cos
+        fy[i] += family[i] * force * sin
+        torque[i] += family[i] * turn
 
 
 def shaking(t: float, p: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,

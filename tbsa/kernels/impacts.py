@@ -91,10 +91,10 @@ class Scratch(NamedTuple):
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
-    lanes = [np.zeros(8 * blocks, np.int64) for _ in range(4)]
     whole = {"in_it", "tiles", "island"}
-    bodies = columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-1]])
-    return Scratch(*lanes, *bodies, np.zeros(2, np.int64))
+    parts = [np.zeros(8 * blocks, np.int64) for _ in range(4)]
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-1]])
+    return Scratch(*parts, np.zeros(2, np.int64))
 
 
 @inline
@@ -352,10 +352,10 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
 
     for j in range(z.size[0]):
         q = z.rows[j]
-        i = U(q // 8) * BLOCK + U(q % 8)
+        at = U(q // 8) * BLOCK + U(q % 8)
         z.known[q] = 0
-        r[i + PN0], r[i + PN1], r[i + PT] = r[i + WARM0], r[i + WARM1], r[i + WARMT]
-        r[i + BASE] = 0.0
-        r[i + WANT0], r[i + WANT1] = max(r[i + GAP0], 0.0) / k.h, max(r[i + GAP1], 0.0) / k.h
+        r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
+        r[at + BASE] = 0.0
+        r[at + WANT0], r[at + WANT1] = max(r[at + GAP0], 0.0) / k.h, max(r[at + GAP1], 0.0) / k.h
     for j in range(z.size[1]):
         z.in_it[z.tiles[j]] = 0
