@@ -24,6 +24,8 @@ Reals = NDArray[np.float64]
 REST = 1e-10
 # Of the integrator, relative; and absolute in m, rad, m/s and rad/s.
 TOLERANCE, SMALLEST = 1e-12, 1e-15
+# Two corners of a face are equally near within this part of the width.
+LEVEL = 1e-9
 
 
 class Body(NamedTuple):
@@ -56,7 +58,7 @@ def separation(pose_a: Sequence[float] | Reals, pose_b: Sequence[float] | Reals,
 
     The gap is the largest distance by which one of the eight face normals tells the squares
     apart; negative where they overlap.  Corners are those of the square that does not own the
-    normal, nearest first.
+    normal: one, or the two of a face that is parallel.
     """
     half = 0.5 * width
     centres = complex(pose_a[0], pose_a[1]), complex(pose_b[0], pose_b[1])
@@ -71,8 +73,9 @@ def separation(pose_a: Sequence[float] | Reals, pose_b: Sequence[float] | Reals,
                        for p in corners[other]]
             if min(heights) > best[0]:
                 order = sorted(range(4), key=heights.__getitem__)
+                nearest = [i for i in order if heights[i] <= heights[order[0]] + LEVEL * width]
                 best = (min(heights), complex(normal if own == 0 else -normal),
-                        [complex(corners[other][i]) for i in order[:2]])
+                        [complex(corners[other][i]) for i in nearest])
     return best
 
 

@@ -1,4 +1,4 @@
-"""A drive that rises slowly: the same force on every tile, p[0], p[1] (N) times a factor of time."""
+"""A load that rises slowly: the same force on every tile, (p[0], p[1]) N times a factor."""
 
 
 def ramp(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
