@@ -231,14 +231,14 @@ def _meet(scene: Scene, poses: Any, twists: Any) -> Meeting:
 def last_free(engine: Engine, seconds: float) -> NDArray[np.float64]:
     """The state of two tiles before the substep in which they hit, or that at the end.
 
-    They speed up until they hit: what takes a tenth of their energy at once is the impact.
+    They speed up until they hit: what takes of their energy is the impact.
     """
     before, most = state(engine), 0.0
     for _ in range(round(seconds / engine.h)):
         engine.advance(1)
         now = state(engine)
         energy = float((now[3:5] ** 2).sum() + WIDTH**2 / 6.0 * (now[5] ** 2).sum())
-        if energy < 0.9 * most and most > 4e-4:
+        if energy < 0.999 * most and most > 4e-4:
             return before
         before, most = now, max(energy, most)
     return before
