@@ -147,7 +147,8 @@ class Watch:
 
     The energy gained is that of tiles and magnets less the work of the drive, which floor,
     damping and contacts can only lower; `energy` is its highest rise over any earlier value,
-    as a part of `scale`: what was there and was put in by drive and magnets.
+    as a part of `scale`: what was there and was put in by drive and magnets, at least what all
+    tiles have at a tenth of a width a second.
     """
 
     simulation: Any
@@ -168,7 +169,9 @@ class Watch:
         self.kinds, self.free = s.layout.type, ~s.layout.held
         self.magnets = MagnetEnergy(s.scene, glues_of(s.scene, self.kinds))
         self.least = self.balance()
-        self.scale = max(s.kinetic_energy(), 1e-12)
+        body = s.scene.material
+        slow = 0.5 * self.free.size * body.mass * (0.1 * body.width) ** 2
+        self.scale = max(s.kinetic_energy(), slow)
 
     def balance(self) -> float:
         """Energy of tiles and magnets less the drive's work so far (J)."""

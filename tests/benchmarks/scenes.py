@@ -584,12 +584,13 @@ class Block:
             seed=Seed(tuple((i, j, kinds[(i + j) % 2]) for i, j in cells)),
             file=str(HERE / "block.toml"))
 
-    def critical(self, make: Make, scene: Scene, span: float = 0.03, rate: float = 0.02) -> float:
+    def critical(self, make: Make, scene: Scene, span: float = 0.03, rate: float = 0.01) -> float:
         """Load over the rest load at which the block goes, in the scene's solver.
 
-        The ramp begins `span` below the bracket and ends `span` above.  It has gone once a tile
-        has moved by 0.5 % of the width; with the load rising on at that rate this takes
-        (6 x m/(dF/dt))^(1/3) from its start, which is taken off.  1 + span if it holds.
+        The ramp begins `span` below the bracket and ends `span` above.  The block has let go of
+        a wall once a tile has moved by 0.1 % of the width.  With the load rising on that takes
+        (6 x m/(dF/dt))^(1/3), which is taken off; the magnets' pull back along the other wall
+        leaves an error of at most 0.4 %.  1 + span if it holds.
         """
         slip, rest = self.bracket()
         begin = slip / rest - span
@@ -597,7 +598,7 @@ class Block:
         s = make(run)
         held = 2 * self.n + 1
         x0, y0 = s.x[held:].copy(), s.y[held:].copy()
-        far = 5e-3 * WIDTH
+        far = 1e-3 * WIDTH
         late = (6.0 * far * MASS / (rest * rate)) ** (1 / 3)
         stride, time = max(round(1 / 120 / s.h), 1), 0.0
         while begin + rate * (time - late) < 1.0 + span:
@@ -618,7 +619,7 @@ def block(n: int, angle: float = 0.0, friction: float = 0.0, floor: bool = False
         return {"load": max(slip / rest - found, found - 1.0, 0.0)}
 
     name = f"block-{n}-{angle:g}{'-friction' if friction else ''}{'-floor' if floor else ''}"
-    scene = case.scene(slip / rest - 0.03, 0.02)
+    scene = case.scene(slip / rest - 0.03, 0.01)
     return Reference(name, scene.title.lower(), scene, 1.0, measure, {"load": 1e-2},
                      steps=tuple(1 / m for m in (120, 240, 480, 960)), slow=n > 4)
 
