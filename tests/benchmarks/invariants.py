@@ -147,7 +147,8 @@ class Watch:
 
     The energy gained is that of tiles and magnets less the work of the drive, which floor,
     damping and contacts can only lower; `energy` is its highest rise over any earlier value,
-    as a part of `scale`: what was there and was put in by drive and magnets, at least what all
+    as a part of `scale`: what was there and was put in by the drive, at least what it does over
+    a tenth of a width (a tile that is pushed out of another one moves against it) and what all
     tiles have at a tenth of a width a second.
     """
 
@@ -171,7 +172,12 @@ class Watch:
         self.least = self.balance()
         body = s.scene.material
         slow = 0.5 * self.free.size * body.mass * (0.1 * body.width) ** 2
-        self.scale = max(s.kinetic_energy(), slow)
+        drive = s.scene.drive
+        size = 0.0
+        if drive is not None:
+            size = math.hypot(*drive.force) if isinstance(drive.force, tuple) else drive.force
+        pushed = 0.1 * body.width * size * int(self.free.sum())
+        self.scale = max(s.kinetic_energy(), slow, pushed)
 
     def balance(self) -> float:
         """Energy of tiles and magnets less the drive's work so far (J)."""
