@@ -11,7 +11,10 @@ from scenes import SLIDING, WIDTH, scene, tile
 
 from tbsa.errors import InputError
 from tbsa.model.scene import Drive, Floor, Material, Reactor, Solver, dumps, parse
+from tbsa.model.simulation import Simulation
 from tbsa.work.bench import Trial, bench, describe, recommend, with_substep
+from tbsa.work.bench import _layout as start_of
+from tbsa.work.bench import _run as trial_run
 from tbsa.work.cli import main
 from tests.benchmarks import accuracy, peers
 
@@ -68,11 +71,18 @@ def test_the_recommended_solver_can_be_pasted_into_a_scene(trials):
     assert parse(base[:before] + part + "\n\n" + base[after:]).solver == chosen.solver
 
 
-def test_the_trials_go_on_in_the_phase_of_the_drive():
-    """Half a period later the drive pushes the other way: the trials see that, too."""
+def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
+    """With the scene's own solver it ends where a run without a break does."""
     lone = scene([tile(0, 0)], floor=Floor(), body=Material(), reactor=Reactor("circle", 1.0),
                  drive=Drive("unicycle", 3 * SLIDING, 0.0, 1.0), tolerance=3e-4, passes=40)
-    assert max(trial.deviation for trial in bench(lone, after=0.625, horizon=0.125)) < 0.01
+    first, whole = Simulation(lone), Simulation(lone)
+    first.run(0.625)
+    whole.run(0.75)
+    (x, y), overlap, cost = trial_run(lone, lone.solver, start_of(first), first.time, 0.125)
+    assert (x[0], y[0]) == pytest.approx((whole.x[0], whole.y[0]), abs=1e-15)
+    assert abs(y[0]) > WIDTH
+    assert overlap == 0.0
+    assert cost > 0.0
 
 
 def test_a_substep_is_a_part_of_the_step_or_a_step_of_its_own():
