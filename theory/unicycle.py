@@ -166,3 +166,19 @@ def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequenc
     swung = float(np.ptp(turned)) or 1.0
     return Unicycle(a, b, omega, float(np.sqrt(np.mean(miss**2))) / length,
                     float(np.sqrt(np.mean((omega * swing - turned) ** 2))) / swung)
+
+
+def main() -> None:
+    """Print how good a unicycle the tile is, for three torques at the paper's other values."""
+    times = np.linspace(0.0, 20.0, 401)
+    print("T_mag (N m)  a (m/s)  b (m/s)  omega (rad/s)  path error  heading error")
+    for torque in (3e-5, 1e-4, 3e-4):
+        z = coupled_tile(times, mass=0.016, width=0.03, force=0.075, torque=torque, frequency=0.1,
+                         mu=0.25, linear_damping=0.8, angular_damping=0.5)
+        found = fit(times, z[:, 0], z[:, 1], z[:, 2], 0.1)
+        print(f"{torque:11g}  {found.a:7.3f}  {found.b:7.3f}  {found.omega:13.3f}  "
+              f"{found.position:10.3f}  {found.heading:13.3f}")
+
+
+if __name__ == "__main__":
+    main()
