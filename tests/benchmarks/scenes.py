@@ -621,7 +621,7 @@ def block(n: int, angle: float = 0.0, friction: float = 0.0, floor: bool = False
     name = f"block-{n}-{angle:g}{'-friction' if friction else ''}{'-floor' if floor else ''}"
     scene = case.scene(slip / rest - 0.03, 0.01)
     return Reference(name, scene.title.lower(), scene, 1.0, measure, {"load": 1e-2},
-                     steps=tuple(1 / m for m in (120, 240, 480, 960)), slow=n > 4)
+                     steps=tuple(1 / m for m in (120, 240, 480, 960)), slow=n > 2)
 
 
 BLOCKS = [(n, angle, friction, floor) for n in range(1, 11) for angle in (0.0, 22.5, 45.0)

@@ -206,7 +206,7 @@ def _alignments() -> list[Row]:
 
 def _counts() -> list[Row]:
     rows = []
-    for n, seconds in ((1, 5.0), (2, 5.0), (10, 5.0), (10_000, 0.5), (100_000, 0.05)):
+    for n, seconds in ((1, 1.5), (2, 1.5), (10, 1.5), (10_000, 0.5), (100_000, 0.05)):
         radius = max(0.06, math.sqrt(n * W * W / (0.4 * math.pi)))
         rows.append(Row(f"{n} tiles", replace(
             crowd(n, radius, arm=1), seed=None,
@@ -222,7 +222,7 @@ def rows() -> list[Row]:
     for n in (30, 60, 120, 240, 480, 960, 1920, 3840):
         found.append(Row(f"step 1/{n}, shaken", crowd(h=1 / n), 2.0, every=max(1, n // 120),
                          fast=n in (30, 480)))
-    found.append(Row("unicycle, its full torque", crowd(drive=unicycle), 5.0, fast=True))
+    found.append(Row("unicycle, its full torque", crowd(drive=unicycle), 3.0, fast=True))
     found.append(Row("unicycle, step 1/1920", crowd(drive=unicycle, h=1 / 1920), 5.0, every=16))
     # Times 100 a pair in contact swings at sqrt(2 F'/m) = 740 rad/s: also at a step for that.
     for factor, h in ((0.01, H), (0.1, H), (10.0, H), (100.0, H), (100.0, 1 / 1920)):
@@ -271,11 +271,11 @@ def rows() -> list[Row]:
         tiles, width = packed(fraction, 10)
         found.append(Row(f"area fraction {fraction:g}, shaken", bare(
             tiles, types=SETS["chessboard"], magnet=Magnet(), floor=Floor(), drive=SHAKING,
-            reactor=Reactor("rectangle", width=width, height=width)), 4.0, fast=fraction == 0.98))
+            reactor=Reactor("rectangle", width=width, height=width)), 3.0, fast=fraction == 0.98))
     found.append(Row("random placement to its limit", crowd(70, 0.21), 2.0))
     held = [tile(0.1 * math.cos(k), 0.1 * math.sin(k), 0.7 * k, held=True, kind="black")
             for k in range(6)]
-    found.append(Row("six held tiles inside a crowd", crowd(50, 0.2, tiles=held), 4.0, fast=True))
+    found.append(Row("six held tiles inside a crowd", crowd(50, 0.2, tiles=held), 2.0, fast=True))
     found.append(Row("six held tiles inside a crowd, unicycle",
                      crowd(50, 0.2, tiles=held, drive=unicycle), 5.0))
     found.append(Row("pushed to the wall for 600 s", crowd(
