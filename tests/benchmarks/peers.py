@@ -328,7 +328,7 @@ def engine_clock(make: Callable[[Scene], Peer], scene: Scene,
                  seconds: float) -> tuple[float, float]:
     """Wall time (s) inside the engine and in all, of the best of a few runs."""
     best, spent = (math.inf, math.inf), 0.0
-    while spent < 0.02:
+    while spent < 0.05:
         s = make(scene)
         start = time.perf_counter()
         s.advance(round(seconds / s.h))
