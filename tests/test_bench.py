@@ -141,9 +141,9 @@ def test_the_front_holds_what_nothing_beats_in_both():
 
 
 def test_engines_are_compared_at_equal_error_and_at_equal_time():
-    """The worst over all settings of theirs: 2 times as fast, 10 times as exact."""
+    """At the worst of their settings 2 times as fast and 10 times as exact; 7.5 at their best."""
     ours = [(1.0, 1e-2), (4.0, 1e-4)]
     theirs = [(2.0, 1e-1), (30.0, 2e-3), (40.0, 1e-1)]
-    assert peers.compare(ours, theirs) == pytest.approx((2.0, 10.0))
-    assert peers.compare(ours, [(0.5, 1e-6)]) == (0.0, 0.0)
-    assert peers.compare([(1.0, 0.0)], [(5.0, 1e-17)]) == (5.0, 1.0)
+    assert peers.compare(ours, theirs) == pytest.approx((2.0, 7.5, 10.0))
+    assert peers.compare(ours, [(0.5, 1e-6)]) == (0.0, 0.0, 0.0)
+    assert peers.compare([(1.0, 0.0)], [(5.0, 1e-17)]) == (5.0, 5.0, 1.0)

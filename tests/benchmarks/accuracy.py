@@ -32,12 +32,10 @@ from tbsa.work.metrics import size
 from tbsa.work.report import aligned
 from tests.benchmarks.invariants import Watch
 from tests.benchmarks.scenes import (
-    BLOCKS,
     STEPS,
     Reference,
     at_step,
-    block,
-    creep,
+    larger,
     references,
 )
 
@@ -153,7 +151,7 @@ def reference_table(names: Sequence[str], slow: bool) -> int:
     """Sweep the reference scenes; returns 1 where one misses a target."""
     chosen = references()
     if slow:
-        chosen += [block(*case) for case in BLOCKS if case[0] != 2] + [creep()]
+        chosen += larger()
     if names:
         unknown = set(names) - {each.name for each in chosen}
         if unknown:
