@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -147,3 +148,14 @@ def test_engines_are_compared_at_equal_error_and_at_equal_time():
     assert peers.compare(ours, theirs) == pytest.approx((2.0, 7.5, 10.0))
     assert peers.compare(ours, [(0.5, 1e-6)]) == (0.0, 0.0, 0.0)
     assert peers.compare([(1.0, 0.0)], [(5.0, 1e-17)]) == (5.0, 5.0, 1.0)
+
+
+def test_results_of_other_versions_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(accuracy, "RESULTS", tmp_path / "results")
+    rows = [{"scene": "slide", "errors": {"distance": 1e-6}}, {"scene": "spin"}]
+    monkeypatch.setattr(accuracy.tbsa, "__version__", "0.0.1")
+    accuracy.save("accuracy", rows[:1])
+    monkeypatch.setattr(accuracy.tbsa, "__version__", "0.0.2")
+    accuracy.save("accuracy", rows[1:])
+    path = accuracy.save("accuracy", rows)
+    assert json.loads(path.read_text()) == {"0.0.1": rows[:1], "0.0.2": rows}

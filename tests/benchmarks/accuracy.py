@@ -143,7 +143,9 @@ def save(name: str, rows: Any) -> Path:
     path = RESULTS / f"{name}.json"
     found = json.loads(path.read_text()) if path.exists() else {}
     found[tbsa.__version__] = rows
-    path.write_text(json.dumps(found, indent=1) + "\n")
+    versions = [f'"{version}": [\n' + ",\n".join(map(json.dumps, each)) + "\n]"
+                for version, each in found.items()]
+    path.write_text("{\n" + ",\n".join(versions) + "\n}\n")
     return path
 
 
