@@ -206,7 +206,7 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "must not overlap seed cell (0, 0, 'black')"),
     # magnet
     ("a magnet without strength", GOOD + "[magnet]\nalpha = 0\n", "magnet.alpha",
-     "0.0 must be a number above 0 to 10 N m^2"),
+     "0.0 must be a number above 0 to 10000 N m^2"),
     ("a negative beta", GOOD + "[magnet]\nbeta = -1e-3\n", "magnet.beta",
      "-0.001 must be a number from 0 to 10 m"),
     ("an infinite force at contact", GOOD + "[magnet]\nbeta = 0\ninset = 0\n", "magnet.beta",

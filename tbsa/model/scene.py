@@ -327,7 +327,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "held": _boolean,
     },
     Magnet: {
-        "alpha": _number(0, 10, "N m^2", above=True),
+        "alpha": _number(0, 1e4, "N m^2", above=True),
         "beta": _number(0, 10, "m"),
         "inset": _number(0, 10, "m"),
         "cutoff": _number(0, 10, "m", above=True),

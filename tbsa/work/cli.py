@@ -1,4 +1,4 @@
-"""The command ``tbsa``: run, campaign, metrics, draw, check, fit.
+"""The command ``tbsa``: run, campaign, metrics, draw, check, fit, bench.
 
 Exit codes: 0 done; 1 a run could not go on (disk, a state that is not finite); 2 bad input,
 nothing written; 130 interrupted, saved.
@@ -132,6 +132,17 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--scene", type=Path, metavar="TOML",
                      help="a scene whose [magnet] gets the fitted alpha, beta and inset")
     fit.set_defaults(command=_fit)
+    bench = commands.add_parser(
+        "bench", help="what accuracy costs on a scene",
+        description="Try settings of the solver on a scene and recommend one.")
+    bench.add_argument("config", type=Path, help="the scene, a TOML file")
+    bench.add_argument("--error", type=float, default=1e-2, metavar="W",
+                       help="wanted, in widths of a tile (default: 0.01)")
+    bench.add_argument("--after", type=float, default=1.0, metavar="S",
+                       help="simulated seconds before the trials (default: 1)")
+    bench.add_argument("--horizon", type=float, default=0.25, metavar="S",
+                       help="simulated seconds of a trial (default: 0.25)")
+    bench.set_defaults(command=_bench)
     return parser
 
 
@@ -350,6 +361,25 @@ def _fit(arguments: argparse.Namespace) -> int:
         (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
     print(text, *([refusal] if refusal else []), "", sep="\n")
     print(f"written: {', '.join(map(str, files))}")
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from tbsa.model.scene import load
+    from tbsa.work.bench import bench, describe
+
+    scene = load(arguments.config)
+    if not 0.0 < arguments.error < float("inf"):
+        raise InputError("must be a positive number of widths", field="error",
+                         value=arguments.error)
+    with tqdm(total=1, desc="trials", disable=None) as bar:
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        trials = bench(scene, horizon=arguments.horizon, after=arguments.after, progress=show)
+    print(describe(trials, arguments.error))
     return 0
 
 

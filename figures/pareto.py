@@ -1,0 +1,55 @@
+"""Run time against error of the reference scenes, ours and the other engines'."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from figures.style import BLUE, GREY, ORANGE, figure
+
+RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
+DATA: tuple[str, ...] = (str(RESULTS / "peers.json"),)
+SHOWN = {  # scene: title and unit of the error that is drawn
+    "slide": ("sliding stop", "distance, relative"),
+    "driven": ("driven tile, 20 s", "path, relative"),
+    "snap-flush": ("snap, flush", "impact speed, relative"),
+    "oblique-c-sticking": ("oblique impact", "impulse, relative"),
+    "row-10": ("pressed row of 10", "place, widths"),
+    "flying-pair": ("spinning pair", "critical spin, relative"),
+}
+LEAST = 1e-9  # errors below are drawn there
+ENGINES = {"tbsa": (BLUE, "o", "tbsa"), "box2d": (ORANGE, "s", "Box2D"),
+           "pymunk": (GREY, "^", "Pymunk")}
+
+
+def newest(path: str) -> list[dict[str, Any]]:
+    """Rows of the newest version in a file of results."""
+    versions = json.loads(Path(path).read_text())
+    rows: list[dict[str, Any]] = versions[max(versions, key=lambda v: tuple(
+        int(part) for part in v.split(".") if part.isdigit()))]
+    return rows
+
+
+def make() -> Figure:
+    """A panel for each scene: kernels or engine alone, for a second of simulated time."""
+    rows = newest(DATA[0])
+    fig = figure(4.6, 7.1)
+    axes = fig.subplots(2, 3)
+    for ax, (scene, (title, quantity)) in zip(axes.flat, SHOWN.items(), strict=True):
+        for engine, (colour, marker, name) in ENGINES.items():
+            points = [(row["alone"] / row["simulated"],
+                       row["error"] if "error" in row else next(iter(row["errors"].values())))
+                      for row in rows
+                      if row["scene"] == scene and row["engine"].startswith(engine)]
+            points = [(t, max(e, LEAST)) for t, e in points if e < 1e3]
+            if points:
+                ax.loglog(*zip(*points, strict=True), marker, color=colour, markersize=2.5,
+                          label=name)
+        ax.set_title(title, fontsize=8)
+        ax.set(xlabel="run time for 1 s (s)", ylabel=f"error: {quantity}")
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[0, 0].legend(loc="lower left")
+    return fig

@@ -1,0 +1,188 @@
+"""What accuracy costs on a scene of one's own: the command ``tbsa bench``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tbsa.errors import InputError
+from tbsa.model.layout import Layout
+from tbsa.model.scene import Scene, Solver
+from tbsa.model.simulation import Simulation, SimulationError
+from tbsa.model.squares import depth, near
+from tbsa.work.report import aligned
+
+SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the scene's substep
+EFFORTS = ((10.0, 1), (1.0, 1), (0.1, 10))  # of the scene's tolerance, and of its passes
+FINEST = 8  # of the shortest substep, for the run that the others are held against
+LOOKS = 32  # at the overlap, in a trial
+LONGEST = 1 / 30  # s, substep
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One setting, and what it did.
+
+    Attributes
+    ----------
+    solver
+        The setting.
+    deviation : float
+        Root mean square distance of the free tiles' centres, at the end, from where the run
+        with the finest setting has them (widths).
+    overlap : float
+        Deepest overlap of two tiles, one of them free, at any look (widths).
+    cost : float
+        Wall time for a second of simulated time (s).
+    """
+
+    solver: Solver
+    deviation: float
+    overlap: float
+    cost: float
+
+    @property
+    def error(self) -> float:
+        """The larger of deviation and overlap (widths)."""
+        return max(self.deviation, self.overlap)
+
+
+def with_substep(solver: Solver, h: float) -> Solver:
+    """The solver at a substep near `h` (s): its step and as many substeps, or a longer step."""
+    substeps = max(1, round(solver.step / h))
+    return replace(solver, step=max(solver.step, h) if substeps == 1 else solver.step,
+                   substeps=substeps)
+
+
+def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
+          progress: Callable[[int, int], None] | None = None) -> list[Trial]:
+    """Try settings of the solver on a scene.
+
+    The scene runs for `after` (s) as it is.  From there every setting goes on for `horizon` (s)
+    and is compared with one of an eighth of the shortest substep.  Motion with many contacts is
+    chaotic: a longer horizon would tell how chaotic it is, not how exact the solver.
+
+    Parameters
+    ----------
+    scene
+        A validated scene.
+    horizon, after : float
+        s; at least one of the longest substeps tried, and not negative.
+    progress
+        Called with the number of trials done and of all.
+
+    Returns
+    -------
+    list of Trial
+        In the order of cost.
+
+    Raises
+    ------
+    InputError
+        `horizon` or `after` is not allowed.
+    SimulationError
+        The scene cannot be followed with the finest setting.
+    """
+    h = scene.solver.step / scene.solver.substeps
+    substeps = [share * h for share in SHARES if share <= 1.0 or share * h <= LONGEST]
+    if not max(substeps) <= horizon <= 1e6:
+        raise InputError(f"must be a number from {max(substeps):g} to 1e+06 s", field="horizon",
+                         value=horizon)
+    if not 0.0 <= after <= 1e9:
+        raise InputError("must be a number from 0 to 1e+09 s", field="after", value=after)
+    first = Simulation(scene)
+    first.run(after)
+    start, begun = _layout(first), first.time
+
+    settings = [replace(with_substep(scene.solver, step),
+                        tolerance=min(factor * scene.solver.tolerance, 1.0),
+                        passes=min(more * scene.solver.passes, 100_000))
+                for step in substeps for factor, more in EFFORTS]
+    settings = list(dict.fromkeys(settings))
+    finest = replace(with_substep(scene.solver, min(substeps) / FINEST),
+                     tolerance=0.01 * scene.solver.tolerance,
+                     passes=min(100 * scene.solver.passes, 100_000))
+    total = len(settings) + 1
+    truth, _, _ = _run(scene, finest, start, begun, horizon)
+    if progress is not None:
+        progress(1, total)
+    trials = []
+    free = ~start.held
+    for k, solver in enumerate(settings, 2):
+        try:
+            found, overlap, cost = _run(scene, solver, start, begun, horizon)
+        except SimulationError:
+            continue  # too coarse for this scene
+        miss = ((found - truth) ** 2).sum(axis=0)[free]
+        deviation = float(np.sqrt(miss.mean())) if miss.size else 0.0
+        trials.append(Trial(solver, deviation / scene.material.width, overlap, cost))
+        if progress is not None:
+            progress(k, total)
+    return sorted(trials, key=lambda trial: trial.cost)
+
+
+def recommend(trials: Sequence[Trial], wanted: float) -> Trial | None:
+    """The cheapest trial with an error of at most `wanted` (widths); None if there is none."""
+    good = [trial for trial in trials if trial.error <= wanted]
+    return min(good, key=lambda trial: trial.cost, default=None)
+
+
+def describe(trials: Sequence[Trial], wanted: float) -> str:
+    """The trials as a table, and the recommended settings as the ``[solver]`` of a scene."""
+    chosen = recommend(trials, wanted)
+    rows = [(f"{1 / trial.solver.step:.4g}", f"{trial.solver.substeps}",
+             f"{trial.solver.tolerance:.1e}", f"{trial.solver.passes}",
+             f"{trial.deviation:.1e}", f"{trial.overlap:.1e}", f"{trial.cost:.2e}",
+             "<" if trial is chosen else "") for trial in trials]
+    table = aligned(("1/step", "substeps", "tolerance", "passes", "deviation w", "overlap w",
+                     "s for 1 s", ""), rows)
+    if chosen is None:
+        least = min(trial.error for trial in trials)
+        return "\n".join([*table, f"no setting has an error of {wanted:g} of a width; the least "
+                          f"is {least:.2g}"])
+    solver = chosen.solver
+    return "\n".join([
+        *table, f"the cheapest with an error of at most {wanted:g} of a width:", "", "[solver]",
+        f"step = {solver.step!r}", f"substeps = {solver.substeps}",
+        f"tolerance = {solver.tolerance!r}", f"passes = {solver.passes}"])
+
+
+def _layout(simulation: Simulation) -> Layout:
+    """Where the tiles are now, as a start."""
+    s = simulation
+    return replace(s.layout, x=s.x.copy(), y=s.y.copy(), angle=s.angle.copy(), vx=s.vx.copy(),
+                   vy=s.vy.copy(), omega=s.omega.copy())
+
+
+def _run(scene: Scene, solver: Solver, start: Layout, begun: float,
+         horizon: float) -> tuple[NDArray[np.float64], float, float]:
+    """Centres at the end, shape (2, n) (m); deepest overlap (widths); s of wall for one s."""
+    s = Simulation(replace(scene, solver=solver), start)
+    s.substep = round(begun / s.h)  # the drive goes on where it was
+    substeps, deepest, spent, done = round(horizon / s.h), 0.0, 0.0, 0
+    for look in range(1, LOOKS + 1):
+        now = round(substeps * look / LOOKS)
+        if now == done:
+            continue
+        clock = time.perf_counter()
+        s.advance(now - done)
+        spent += time.perf_counter() - clock
+        done = now
+        deepest = max(deepest, _overlap(s))
+    return np.stack([s.x, s.y]), deepest, spent / horizon
+
+
+def _overlap(s: Simulation) -> float:
+    """Deepest overlap of two tiles, one of them free (widths)."""
+    width = s.scene.material.width
+    i, j = near(s.x, s.y, s.x, s.y, np.sqrt(2.0) * width)
+    keep = (i < j) & ~(s.layout.held[i] & s.layout.held[j])
+    i, j = i[keep], j[keep]
+    if not i.size:
+        return 0.0
+    found = depth(width, s.x[j] - s.x[i], s.y[j] - s.y[i], s.angle[i], s.angle[j])
+    return max(0.0, float(found.max()) / width)

@@ -1,0 +1,161 @@
+"""What ``tbsa bench`` recommends, and the arithmetic of the benchmark tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import SLIDING, WIDTH, scene, tile
+
+from tbsa.errors import InputError
+from tbsa.model.scene import Drive, Floor, Material, Reactor, Solver, dumps, parse
+from tbsa.model.simulation import Simulation
+from tbsa.work.bench import Trial, bench, describe, recommend, with_substep
+from tbsa.work.bench import _layout as start_of
+from tbsa.work.bench import _run as trial_run
+from tbsa.work.cli import main
+from tests.benchmarks import accuracy, peers
+
+SETTING = Solver()
+
+
+def driven():
+    """A tile under the unicycle drive and one that is pushed by it; 4 substeps of 1/480 s."""
+    return scene([tile(0, 0), tile(0, 1.5 * WIDTH, 0.3)], body=Material(), floor=Floor(),
+                 drive=Drive("unicycle", 3 * SLIDING, 1e-3, 0.5), tolerance=3e-4, passes=40,
+                 reactor=Reactor("circle", 0.2))
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return bench(driven(), after=0.25, horizon=0.25)
+
+
+def test_shorter_substeps_come_nearer_to_the_finest_run(trials):
+    error = {}
+    for trial in trials:
+        h = trial.solver.step / trial.solver.substeps
+        if trial.solver.tolerance == pytest.approx(3e-4):
+            error[h] = trial.deviation
+    steps = sorted(error)
+    assert len(steps) == 5
+    assert steps[-1] == pytest.approx(16 * steps[0])
+    assert error[steps[-1]] > 10 * error[steps[0]] > 0.0
+
+
+def test_trials_come_in_the_order_of_their_cost(trials):
+    costs = [trial.cost for trial in trials]
+    assert costs == sorted(costs)
+    assert costs[0] > 0.0
+
+
+def test_the_cheapest_that_is_exact_enough_is_recommended():
+    trials = [Trial(SETTING, 0.1, 0.0, 1.0), Trial(SETTING, 1e-3, 1e-2, 2.0),
+              Trial(SETTING, 1e-3, 1e-3, 4.0), Trial(SETTING, 1e-5, 1e-5, 3.0)]
+    assert recommend(trials, 0.5) is trials[0]
+    assert recommend(trials, 1e-2) is trials[1]
+    assert recommend(trials, 5e-3) is trials[3]
+    assert recommend(trials, 1e-6) is None
+    assert "the least is 1e-05" in describe(trials, 1e-6)
+
+
+def test_the_recommended_solver_can_be_pasted_into_a_scene(trials):
+    text = describe(trials, 0.1)
+    part = text[text.index("[solver]"):]
+    base = dumps(driven())
+    before, after = base.index("[solver]"), base.index("[record]")
+    chosen = recommend(trials, 0.1)
+    assert chosen is not None
+    assert parse(base[:before] + part + "\n\n" + base[after:]).solver == chosen.solver
+
+
+def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
+    """With the scene's own solver it ends where a run without a break does."""
+    lone = scene([tile(0, 0)], floor=Floor(), body=Material(), reactor=Reactor("circle", 1.0),
+                 drive=Drive("unicycle", 3 * SLIDING, 0.0, 1.0), tolerance=3e-4, passes=40)
+    first, whole = Simulation(lone), Simulation(lone)
+    first.run(0.625)
+    whole.run(0.75)
+    (x, y), overlap, cost = trial_run(lone, lone.solver, start_of(first), first.time, 0.125)
+    assert (x[0], y[0]) == pytest.approx((whole.x[0], whole.y[0]), abs=1e-15)
+    assert abs(y[0]) > WIDTH
+    assert overlap == 0.0
+    assert cost > 0.0
+
+
+def test_a_substep_is_a_part_of_the_step_or_a_step_of_its_own():
+    assert with_substep(SETTING, 1 / 960) == replace(SETTING, substeps=8)
+    assert with_substep(SETTING, 1 / 120) == replace(SETTING, substeps=1)
+    assert with_substep(SETTING, 1 / 60) == replace(SETTING, step=1 / 60, substeps=1)
+
+
+@pytest.mark.parametrize(("option", "value", "field"), [
+    ("--error", "0", "error"), ("--error", "nan", "error"), ("--horizon", "1e-9", "horizon"),
+    ("--after", "-1", "after")])
+def test_bad_options_are_refused(tmp_path, capsys, option, value, field):
+    config = tmp_path / "scene.toml"
+    config.write_text(dumps(driven()))
+    assert main(["bench", str(config), option, value]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"tbsa: {field}: ")
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_the_command_prints_a_table_and_a_setting(tmp_path, capsys):
+    config = tmp_path / "scene.toml"
+    config.write_text(dumps(driven()))
+    assert main(["bench", str(config), "--error", "0.5", "--after", "0", "--horizon", "0.1"]) == 0
+    out = capsys.readouterr().out
+    assert "deviation w" in out
+    assert "[solver]" in out
+
+
+def test_bench_itself_refuses_a_bad_horizon():
+    with pytest.raises(InputError, match="horizon"):
+        bench(driven(), horizon=math.nan)
+
+
+# Tables.
+
+
+def test_the_order_is_the_slope_between_a_120th_and_a_960th_of_a_second():
+    steps = [1 / n for n in (60, 120, 240, 480, 960, 1920)]
+    rows = [{"substep": h, "errors": {"e": 3.0 * h**1.5 if 1 / 961 < h < 1 / 119 else 1.0}}
+            for h in steps]
+    assert accuracy.order(rows, "e") == pytest.approx(1.5)
+    assert math.isnan(accuracy.order(rows[:1], "e"))
+
+
+def test_the_interval_is_students():
+    values = [1.0, 2.0, 3.0, 4.0]
+    mean, half = accuracy.interval(values)
+    assert mean == 2.5
+    assert half == pytest.approx(3.182446 * np.std(values, ddof=1) / 2.0, rel=1e-6)
+
+
+def test_the_front_holds_what_nothing_beats_in_both():
+    assert peers.front([(1, 5), (2, 6), (3, 1), (3, 2), (4, 0.5)]) == [(1, 5), (3, 1), (4, 0.5)]
+
+
+def test_engines_are_compared_at_equal_error_and_at_equal_time():
+    """At the worst of their settings 2 times as fast and 10 times as exact; 7.5 at their best."""
+    ours = [(1.0, 1e-2), (4.0, 1e-4)]
+    theirs = [(2.0, 1e-1), (30.0, 2e-3), (40.0, 1e-1)]
+    assert peers.compare(ours, theirs) == pytest.approx((2.0, 7.5, 10.0))
+    assert peers.compare(ours, [(0.5, 1e-6)]) == (0.0, 0.0, 0.0)
+    assert peers.compare([(1.0, 0.0)], [(5.0, 1e-17)]) == (5.0, 5.0, 1.0)
+
+
+def test_results_of_other_versions_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(accuracy, "RESULTS", tmp_path / "results")
+    rows = [{"scene": "slide", "errors": {"distance": 1e-6}}, {"scene": "spin"}]
+    monkeypatch.setattr(accuracy.tbsa, "__version__", "0.0.1")
+    accuracy.save("accuracy", rows[:1])
+    monkeypatch.setattr(accuracy.tbsa, "__version__", "0.0.2")
+    accuracy.save("accuracy", rows[1:])
+    path = accuracy.save("accuracy", rows)
+    assert json.loads(path.read_text()) == {"0.0.1": rows[:1], "0.0.2": rows}

@@ -1,0 +1,42 @@
+"""The figure of run time against error, from results as the benchmarks write them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from figures import pareto
+
+
+def rows(factor):
+    """Three engines on every scene that is shown; 1e9 is a run that was thrown apart."""
+    found = []
+    for scene in pareto.SHOWN:
+        for n in (60, 480):
+            common = {"scene": scene, "simulated": 2.0, "alone": 1e-6 * n}
+            errors = {"first": factor / n, "second": 1.0}
+            found.append(common | {"engine": "tbsa", "errors": errors})
+            found.append(common | {"engine": "box2d, 8 iterations", "error": 10 * factor / n})
+            found.append(common | {"engine": "pymunk, 10 iterations", "error": 1e9})
+    return found
+
+
+def test_the_newest_version_is_drawn(tmp_path):
+    path = tmp_path / "peers.json"
+    path.write_text(json.dumps({"0.10.0": rows(1.0), "0.9.0": rows(2.0), "0.1.0": rows(3.0)}))
+    assert pareto.newest(str(path)) == rows(1.0)
+
+
+def test_every_panel_shows_the_first_error_over_the_time_of_the_engine_alone(tmp_path, monkeypatch):
+    path = tmp_path / "peers.json"
+    path.write_text(json.dumps({"0.1.0": rows(1.0)}))
+    monkeypatch.setattr(pareto, "DATA", (str(path),))
+    axes = pareto.make().axes
+    assert len(axes) == len(pareto.SHOWN)
+    for ax in axes:
+        lines = {line.get_label(): line.get_xydata() for line in ax.lines}
+        assert set(lines) == {"tbsa", "Box2D"}
+        assert lines["tbsa"] == pytest.approx(np.array([[3e-5, 1 / 60], [2.4e-4, 1 / 480]]))
+        assert lines["Box2D"] == pytest.approx(np.array([[3e-5, 10 / 60], [2.4e-4, 10 / 480]]))

@@ -1,0 +1,255 @@
+"""The truths of the reference scenes against brute force: snaps, rigid rotations, the unicycle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from theory import magnets, motion, rotation, unicycle
+from theory.floor import MEAN_DISTANCE, ellipsoid_wrench, engine_torque, max_torque
+from theory.snap import Body, closing, meet, separation
+
+WIDTH, MASS, MU, GRAVITY = 0.03, 0.016, 0.25, 9.81
+INERTIA = MASS * WIDTH**2 / 6.0
+LAW = magnets.Law(cutoff=0.03, switch=0.1)
+FIRST = (1, 2, 1, 2), (-1, -2, -1, -2)
+SECOND = (2, 2, -1, -1), (1, 1, -2, -2)
+HELD = Body(math.inf, math.inf)
+FLOOR = MU * MASS * GRAVITY
+
+
+def dry(torque):
+    return Body(MASS, INERTIA, FLOOR, torque, 0.8, 0.5)
+
+
+EASY, HARD = dry(max_torque(MU, MASS, WIDTH)), dry(engine_torque(MU, MASS, WIDTH))
+SMOOTH = Body(MASS, INERTIA)
+
+
+def pull(gap, glues, b, **options):
+    """Tile b, free and at rest, at a gap to the right of a held one."""
+    start = [(0, 0, 0), (WIDTH + gap, 0, 0)]
+    return meet(start, np.zeros((2, 3)), (HELD, b), glues, LAW, **options)
+
+
+# Two tiles that snap.
+
+
+def test_a_frictionless_snap_turns_the_magnets_energy_into_speed():
+    """m v^2/2 = U(start) - U(contact), for the pair that comes straight."""
+    end = pull(0.01, FIRST, SMOOTH)
+    fall = (magnets.pair_energy((0, 0, 0), FIRST[0], (WIDTH + 0.01, 0, 0), FIRST[1], LAW)
+            - magnets.pair_energy((0, 0, 0), FIRST[0], (WIDTH, 0, 0), FIRST[1], LAW))
+    assert (end.kind, end.tilt) == ("contact", 0.0)
+    assert 0.5 * MASS * end.speed**2 == pytest.approx(fall, rel=1e-10)
+
+
+def test_a_frictionless_snap_that_turns_keeps_its_energy_too():
+    end = pull(0.01, SECOND, SMOOTH)
+    poses = [tuple(map(float, pose)) for pose in end.poses]
+    fall = (magnets.pair_energy((0, 0, 0), SECOND[0], (WIDTH + 0.01, 0, 0), SECOND[1], LAW)
+            - magnets.pair_energy(poses[0], SECOND[0], poses[1], SECOND[1], LAW))
+    vx, vy, omega = end.twists[1]
+    assert abs(end.tilt) > 0.1
+    assert 0.5 * MASS * (vx**2 + vy**2) + 0.5 * INERTIA * omega**2 == pytest.approx(fall, rel=1e-9)
+
+
+def test_two_free_tiles_meet_in_the_middle_as_one_of_half_the_mass():
+    """Relative motion has the mass m/2: sqrt(2) times the speed, in 1/sqrt(2) of the time."""
+    one = pull(0.01, FIRST, SMOOTH)
+    two = meet([(0, 0, 0), (WIDTH + 0.01, 0, 0)], np.zeros((2, 3)), (SMOOTH, SMOOTH), FIRST, LAW)
+    assert two.speed == pytest.approx(math.sqrt(2.0) * one.speed, rel=1e-9)
+    assert two.time == pytest.approx(one.time / math.sqrt(2.0), rel=1e-9)
+    assert two.poses[:, 0].sum() == pytest.approx(WIDTH + 0.01, abs=1e-12)
+
+
+def test_the_four_snaps_end_as_they_must():
+    """On a corner; flush; not at all, at a gap of 0.83 cm; and flush without a floor."""
+    corner = pull(0.01, SECOND, EASY)
+    assert (corner.kind, abs(corner.tilt) > 0.01) == ("contact", True)
+    flush = pull(0.003, FIRST, HARD)
+    assert (flush.kind, flush.tilt) == ("contact", 0.0)
+    creep = pull(0.01, FIRST, HARD)
+    assert creep.kind == "rest"
+    assert creep.gap == pytest.approx(0.0083, abs=1e-4)
+    assert pull(0.01, FIRST, Body(MASS, INERTIA, 0.0, 0.0, 0.8, 0.5)).kind == "contact"
+
+
+@pytest.mark.parametrize(("gap", "glues", "b"), [(0.01, SECOND, EASY), (0.003, FIRST, HARD),
+                                                 (0.01, FIRST, HARD)])
+def test_a_snap_does_not_depend_on_the_tolerance(gap, glues, b):
+    loose, tight = (pull(gap, glues, b, tolerance=tolerance) for tolerance in (1e-10, 1e-13))
+    assert loose.time == pytest.approx(tight.time, rel=1e-8)
+    assert loose.speed == pytest.approx(tight.speed, rel=1e-8, abs=1e-12)
+    assert loose.gap == pytest.approx(tight.gap, rel=1e-8, abs=1e-12)
+
+
+def test_a_dry_snap_is_what_tiny_steps_give():
+    """Semi-implicit Euler with the friction clamped, 3e4 steps, to its first order."""
+    h, x, y, angle, vx, vy, omega = 4e-6, WIDTH + 0.01, 0.0, 0.0, 0.0, 0.0, 0.0
+    end = pull(0.01, SECOND, EASY)
+    for _ in range(round(end.time / h)):
+        fx, fy, _, torque = magnets.pair_force((0, 0, 0), SECOND[0], (x, y, angle), SECOND[1], LAW)
+        ux, uy = vx + h * (fx / MASS - 0.8 * vx), vy + h * (fy / MASS - 0.8 * vy)
+        w = omega + h * (torque / INERTIA - 0.5 * omega)
+        speed = math.hypot(ux, uy)
+        keep = max(0.0, 1.0 - h * FLOOR / MASS / speed) if speed else 0.0
+        vx, vy = keep * ux, keep * uy
+        omega = math.copysign(max(0.0, abs(w) - h * EASY.friction_torque / INERTIA), w)
+        x, y, angle = x + h * vx, y + h * vy, angle + h * omega
+    assert (x, y, angle) == pytest.approx(tuple(end.poses[1]), abs=1e-4 * WIDTH)
+    assert (vx, vy) == pytest.approx(tuple(end.twists[1, :2]), abs=1e-3)
+
+
+def test_the_gap_of_two_squares_is_that_of_the_nearest_corner_and_face():
+    gap, normal, corners = separation((0, 0, 0), (0.05, 0, 0.25 * math.pi), WIDTH)
+    assert gap == pytest.approx(0.05 - WIDTH * (0.5 + math.sqrt(0.5)))
+    assert normal == pytest.approx(1.0)
+    assert corners[0] == pytest.approx(0.05 - WIDTH * math.sqrt(0.5))
+    assert separation((0, 0, 0), (0.02, 0, 0), WIDTH)[0] == pytest.approx(-0.01)
+
+
+def test_the_closing_speed_is_the_rate_at_which_the_gap_shrinks():
+    poses = np.array([(0.0, 0.0, 0.3), (0.045, 0.01, -0.5)])
+    twists = np.array([(0.1, -0.2, 3.0), (-0.3, 0.1, -5.0)])
+    h = 1e-7
+    gaps = [separation(*(poses + side * h * twists), WIDTH)[0] for side in (-1, 1)]
+    rate = (gaps[0] - gaps[1]) / (2 * h)
+    assert closing(poses, twists, WIDTH)[0] == pytest.approx(rate, rel=1e-6)
+
+
+# Rigid rotations.
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.1, 0.25])
+def test_a_tile_along_the_wall_obeys_newtons_law_at_both_corners(mu):
+    """Forces and moment about the tile's own centre from the two corner forces."""
+    radius = 0.2
+    slide = rotation.wall_slide(radius, WIDTH, MASS, mu)
+    d, spin = slide.distance, 1.7
+    force, moment = 0j, 0.0
+    for size, side in ((slide.leading, 1), (slide.trailing, -1)):
+        corner = complex(d + 0.5 * WIDTH, side * 0.5 * WIDTH)
+        assert abs(corner) == pytest.approx(radius, rel=1e-14)
+        out = corner / radius
+        push = size * spin**2 * (-out - mu * 1j * out)
+        force += push
+        moment += ((corner - d).conjugate() * push).imag
+    change = -slide.rate * spin**2
+    assert force.real == pytest.approx(-MASS * d * spin**2, rel=1e-12)
+    assert force.imag == pytest.approx(MASS * d * change, rel=1e-12, abs=1e-15)
+    assert moment == pytest.approx(INERTIA * change, rel=1e-9, abs=1e-15)
+    assert slide.turned(spin, 1e-6) == pytest.approx(spin * 1e-6, rel=1e-5)
+    assert (slide.turned(spin, 1 + 1e-6) - slide.turned(spin, 1 - 1e-6)) / 2e-6 == pytest.approx(
+        slide.spin(spin, 1.0), rel=1e-7)
+
+
+def test_a_tile_that_would_tip_along_the_wall_is_refused():
+    with pytest.raises(ValueError, match="leaves the wall"):
+        rotation.wall_slide(0.2, WIDTH, MASS, 3.0)
+
+
+def test_a_row_flies_apart_at_the_spins_of_the_paper_s_magnets():
+    """23.38 and 16.53 rad/s at the default cut-off, 29.13 and 20.60 with mating magnets alone."""
+    for cutoff, spins in ((0.03, (23.38, 16.53)), (0.02, (29.13, 20.60))):
+        bond = magnets.bond_force(*FIRST, magnets.Law(cutoff=cutoff, switch=0.1))
+        for tiles, spin in zip((2, 3), spins, strict=True):
+            assert rotation.critical_spin(bond, MASS, WIDTH, tiles) == pytest.approx(spin, abs=5e-3)
+    with pytest.raises(ValueError, match="2 or 3"):
+        rotation.critical_spin(bond, MASS, WIDTH, 4)
+
+
+def test_a_rocking_fall_is_the_pendulum_about_the_corner():
+    load, tilt = 0.005, 0.2
+    arm, inertia = WIDTH * math.sqrt(0.5), 2.0 / 3.0 * MASS * WIDTH**2
+
+    def flat(t, z):
+        return z[0]
+
+    flat.terminal = True
+    brute = solve_ivp(lambda t, z: (z[1], -load * arm / inertia * math.sin(0.25 * math.pi - z[0])),
+                      (0.0, 5.0), (tilt, 0.0), "DOP853", events=flat, rtol=1e-12, atol=1e-14)
+    fall = rotation.rocking_fall(load, MASS, WIDTH, tilt)
+    assert fall.time == pytest.approx(brute.t[-1], rel=1e-9)
+    assert fall.spin == pytest.approx(-brute.y[1, -1], rel=1e-9)
+
+
+def test_a_rocking_square_keeps_a_quarter_of_its_spin_where_it_sticks():
+    """Housner from mu = 3/5 on; below it slips, and below 1/3 it ends flat."""
+    for mu in (0.6, 1.0):
+        hit = rotation.rocking_impact(2.0, MASS, WIDTH, mu)
+        assert (hit.spin, hit.slip) == pytest.approx((0.5, 0.0), abs=1e-12)
+    slips = rotation.rocking_impact(2.0, MASS, WIDTH, 0.45)
+    assert slips.mode == "sliding"
+    assert 0.0 < slips.spin < 0.5
+    assert slips.slip < 0.0
+    assert rotation.rocking_impact(2.0, MASS, WIDTH, 1 / 3).spin == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_flat_landing_keeps_both_corners_down_within_their_cones():
+    """Impulses of both corners, from the momentum it loses, press and rub at their limit."""
+    mu, spin, half = 0.25, 2.0, 0.5 * WIDTH
+    flat = rotation.rocking_impact(spin, MASS, WIDTH, mu)
+    normal = MASS * half * spin
+    tangential = MASS * (flat.slip + half * spin)
+    assert tangential == pytest.approx(mu * normal)
+    # about the centre: -half N1 + half N2 + half T = I (0 - spin), N1 + N2 = normal
+    difference = (INERTIA * spin + half * tangential) / half
+    new, old = 0.5 * (normal + difference), 0.5 * (normal - difference)
+    assert new > old > 0.0
+
+
+# The unicycle.
+
+
+def test_the_coupled_tile_obeys_its_equation_of_motion():
+    """Central differences of the velocity against drive, floor and damping, where it slides."""
+    torque, h = 1e-4, 1e-4
+    times = np.array([[t - h, t, t + h] for t in (1.5, 2.5, 3.5)]).ravel()
+    z = unicycle.coupled_tile(times, mass=MASS, width=WIDTH, force=0.075, torque=torque,
+                              frequency=0.1, mu=MU, linear_damping=0.8, angular_damping=0.5)
+    for k in range(1, times.size, 3):
+        u, heading = math.sin(0.2 * math.pi * times[k]), z[k, 2] + 0.5 * math.pi
+        drag = ellipsoid_wrench(*z[k, 3:], WIDTH)
+        rate = (z[k + 1, 3:] - z[k - 1, 3:]) / (2 * h)
+        expected = [(u * 0.075 * math.cos(heading) + FLOOR * drag[0]) / MASS - 0.8 * z[k, 3],
+                    (u * 0.075 * math.sin(heading) + FLOOR * drag[1]) / MASS - 0.8 * z[k, 4],
+                    (u * torque + FLOOR * drag[2]) / INERTIA - 0.5 * z[k, 5]]
+        assert rate == pytest.approx(expected, rel=1e-5, abs=1e-5)
+
+
+def test_the_coupled_tile_without_torque_goes_straight_as_the_other_law_says():
+    times = np.arange(0.5, 10.5, 0.5)
+    common = {"mass": MASS, "force": 0.075, "torque": 0.0, "frequency": 0.1, "linear_damping": 0.8}
+    z = unicycle.coupled_tile(times, width=WIDTH, mu=MU, **common)
+    truth = motion.driven_tile(times, inertia=INERTIA, friction_force=FLOOR, friction_torque=1.0,
+                               **common)
+    assert z[:, :2] == pytest.approx(truth[:, :2], abs=1e-8)
+    assert (z[:, 2] == 0.0).all()
+
+
+def test_a_load_inside_the_limit_surface_moves_nothing():
+    z = unicycle.coupled_tile([5.0, 10.0], mass=MASS, width=WIDTH, force=0.8 * FLOOR,
+                              torque=0.59 * MEAN_DISTANCE * WIDTH * FLOOR, frequency=0.1, mu=MU)
+    assert (z == 0.0).all()
+
+
+def test_the_fit_finds_the_parameters_of_a_true_unicycle():
+    times = np.linspace(0.0, 20.0, 401)
+    path = unicycle.kinematic(times, 0.8, 0.7, 2.5, 0.1)
+    fit = unicycle.fit(times, path[:, 0], path[:, 1], path[:, 2] - 0.5 * math.pi, 0.1)
+    assert (fit.a, fit.b, fit.omega) == pytest.approx((0.8, 0.7, 2.5), rel=1e-4)
+    assert fit.position < 1e-5
+
+
+def test_the_coupled_floor_makes_a_tile_a_unicycle_to_some_per_cent_of_its_path():
+    """T_mag = 1e-4 N m: the path is off by 5 %, the heading by 8 %."""
+    times = np.linspace(0.0, 5.0, 101)
+    z = unicycle.coupled_tile(times, mass=MASS, width=WIDTH, force=0.075, torque=1e-4,
+                              frequency=0.1, mu=MU, linear_damping=0.8, angular_damping=0.5)
+    fit = unicycle.fit(times, *z[:, :3].T, 0.1)
+    assert 0.03 < fit.position < 0.12
+    assert 0.05 < fit.heading < 0.12

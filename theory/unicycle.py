@@ -1,0 +1,184 @@
+"""A driven tile on a floor with one friction law for sliding and turning, as a unicycle.
+
+The law is the ellipsoid of Howe and Cutkosky (Int. J. Robotics Research 15, 1996) with the axes
+of a square under uniform pressure.  The paper's kinematic model (its equation "mmodel") is
+
+    dx/dt = u a cos phi,   dy/dt = u b sin phi,   dphi/dt = u omega,   u = sin(2 pi f t).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+
+from theory.floor import MEAN_DISTANCE
+
+Reals = NDArray[np.float64]
+
+# Left to a stop, and gone after a start, where the law has no derivative (s).
+REST = 1e-6
+
+
+class Unicycle(NamedTuple):
+    """A fit of the kinematic model."""
+
+    a: float  # m/s
+    b: float  # m/s
+    omega: float  # rad/s
+    position: float  # root mean square error over the length of the path, 1
+    heading: float  # root mean square error over the range of the heading, 1
+
+
+def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, torque: float,
+                 frequency: float, mu: float, gravity: float = 9.81, linear_damping: float = 0.0,
+                 angular_damping: float = 0.0, forward: float = 0.5 * math.pi,
+                 family: int = 1) -> Reals:
+    """A tile from rest under the unicycle drive on a floor with coupled friction.
+
+    m dv/dt = u a F_mag e - R v/s - c m v and I domega/dt = u a T_mag - R k^2 omega/s - c' I omega
+    with R = mu m g, k = 0.382598 w, s = sqrt(|v|^2 + k^2 omega^2); at rest while
+    (F/R)^2 + (T/(k R))^2 <= 1.
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        x, y, angle, vx, vy, omega at `times` (s, increasing from 0), to about 1e-9.
+
+    Raises
+    ------
+    RuntimeError
+        The integrator fails.
+    """
+    instants = np.asarray(times, dtype=np.float64)
+    inertia, arm, grip = mass * width * width / 6.0, MEAN_DISTANCE * width, mu * mass * gravity
+    rate = 2.0 * math.pi * frequency
+    size = math.hypot(force / grip, torque / (arm * grip))  # of the load, in units of the floor's
+
+    def load(t: float, angle: float) -> tuple[float, float, float]:
+        u = family * math.sin(rate * t)
+        heading = angle + forward
+        return u * force * math.cos(heading), u * force * math.sin(heading), u * torque
+
+    def rates(t: float, z: Reals) -> Reals:
+        fx, fy, moment = load(t, z[2])
+        s = math.sqrt(z[3] ** 2 + z[4] ** 2 + (arm * z[5]) ** 2) or 1e-300
+        drag = grip / s
+        return np.array([z[3], z[4], z[5],
+                         (fx - drag * z[3]) / mass - linear_damping * z[3],
+                         (fy - drag * z[4]) / mass - linear_damping * z[4],
+                         (moment - drag * arm * arm * z[5]) / inertia - angular_damping * z[5]])
+
+    def jacobian(t: float, z: Reals) -> Reals:
+        s = math.sqrt(z[3] ** 2 + z[4] ** 2 + (arm * z[5]) ** 2) or 1e-300
+        fx, fy, _ = load(t, z[2])
+        weight = np.array([1.0, 1.0, arm * arm])
+        unit = weight * z[3:] / s
+        body = np.array([mass, mass, inertia])
+        out = np.zeros((6, 6))
+        out[:3, 3:] = np.eye(3)
+        out[3, 2], out[4, 2] = -fy / mass, fx / mass
+        out[3:, 3:] = -grip / s * (np.diag(weight) - np.outer(unit, unit)) / body[:, None]
+        out[3:, 3:] -= np.diag([linear_damping, linear_damping, angular_damping])
+        return out
+
+    def stops(t: float, z: Reals) -> float:
+        """Speed, less what friction takes of it in REST."""
+        s = math.sqrt(z[3] ** 2 + z[4] ** 2 + (arm * z[5]) ** 2)
+        change = rates(t, z)
+        slowing = -float(z[3] * change[3] + z[4] * change[4] + arm * arm * z[5] * change[5]) / s
+        return float(s - max(slowing, 0.0) * REST)
+
+    stops.terminal, stops.direction = True, -1.0  # type: ignore[attr-defined]
+    result = np.zeros((instants.size, 6))
+    z, now, done, last = np.zeros(6), 0.0, 0, float(instants[-1])
+    while done < instants.size:
+        u = abs(math.sin(rate * now))
+        if size <= 1.0:
+            begin = math.inf
+        elif u * size > 1.0 + 1e-12:
+            begin = now
+        else:  # the drive passes the floor's bound at the next asin(1/size)
+            rise, turn = math.asin(1.0 / size), math.floor(rate * now / math.pi + 1e-12)
+            phase = rate * now - turn * math.pi
+            begin = ((turn if phase < rise + 1e-12 else turn + 1) * math.pi + rise) / rate
+        while done < instants.size and instants[done] <= begin:
+            result[done], done = z, done + 1
+        if done == instants.size:
+            break
+        now = begin
+        # The start: near its bound a load moves the tile along the normal of the limit surface,
+        # d with |d| = 1, and d.M d ds/dt = |load| - R.
+        half = now + 0.5 * REST
+        fx, fy, moment = load(half, z[2])
+        normal = np.array([fx, fy, moment / (arm * arm)])
+        normal /= math.hypot(normal[0], normal[1], arm * normal[2])
+        excess = grip * max(abs(math.sin(rate * half)) * size - 1.0, 1e-12)
+        start = z.copy()
+        start[3:] = normal * excess * REST / float(normal**2 @ [mass, mass, inertia])
+        found: Any = solve_ivp(rates, (now + REST, last + 1e-9), start, "Radau", events=stops,
+                               jac=jacobian, rtol=1e-10, atol=[1e-12] * 3 + [1e-14] * 3,
+                               max_step=0.05, dense_output=True)
+        if found.status < 0:
+            raise RuntimeError(found.message)
+        end = float(found.t[-1])
+        inside = (instants > now) & (instants <= end)
+        result[inside] = found.sol(instants[inside]).T
+        done += int(np.count_nonzero(inside[done:]))
+        z, now = found.y[:, -1].copy(), end
+        z[3:] = 0.0
+    return result
+
+
+def kinematic(times: ArrayLike, a: float, b: float, omega: float, frequency: float,
+              heading: float = 0.5 * math.pi, points: int = 200_001) -> Reals:
+    """x, y, phi of the kinematic model from the origin at `times` (s); shape (n, 3)."""
+    instants = np.asarray(times, dtype=np.float64)
+    rate = 2.0 * math.pi * frequency
+    t = np.linspace(0.0, float(instants[-1]), points)
+    phi = heading + omega * (1.0 - np.cos(rate * t)) / rate
+    u = np.sin(rate * t)
+    x = a * cumulative_trapezoid(u * np.cos(phi), t, initial=0.0)
+    y = b * cumulative_trapezoid(u * np.sin(phi), t, initial=0.0)
+    return np.stack([np.interp(instants, t, q) for q in (x, y, phi)], axis=1)
+
+
+def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequency: float,
+        forward: float = 0.5 * math.pi) -> Unicycle:
+    """Least squares of the kinematic model to a path that starts at the origin.
+
+    omega from the heading, then a and b from the path; all three are linear.
+    """
+    instants = np.asarray(times, dtype=np.float64)
+    x, y, angle = (np.asarray(q, dtype=np.float64) for q in (x, y, angle))
+    rate = 2.0 * math.pi * frequency
+    swing = (1.0 - np.cos(rate * instants)) / rate
+    turned = angle - angle[0]
+    omega = float(swing @ turned / (swing @ swing))
+    unit = kinematic(instants, 1.0, 1.0, omega, frequency, forward + float(angle[0]))
+    a = float(unit[:, 0] @ x / (unit[:, 0] @ unit[:, 0]))
+    b = float(unit[:, 1] @ y / (unit[:, 1] @ unit[:, 1]))
+    miss = np.hypot(a * unit[:, 0] - x, b * unit[:, 1] - y)
+    length = float(np.hypot(np.diff(x), np.diff(y)).sum())
+    swung = float(np.ptp(turned)) or 1.0
+    return Unicycle(a, b, omega, float(np.sqrt(np.mean(miss**2))) / length,
+                    float(np.sqrt(np.mean((omega * swing - turned) ** 2))) / swung)
+
+
+def main() -> None:
+    """Print how good a unicycle the tile is, for three torques at the paper's other values."""
+    times = np.linspace(0.0, 20.0, 401)
+    print("T_mag (N m)  a (m/s)  b (m/s)  omega (rad/s)  path error  heading error")
+    for torque in (3e-5, 1e-4, 3e-4):
+        z = coupled_tile(times, mass=0.016, width=0.03, force=0.075, torque=torque, frequency=0.1,
+                         mu=0.25, linear_damping=0.8, angular_damping=0.5)
+        found = fit(times, z[:, 0], z[:, 1], z[:, 2], 0.1)
+        print(f"{torque:11g}  {found.a:7.3f}  {found.b:7.3f}  {found.omega:13.3f}  "
+              f"{found.position:10.3f}  {found.heading:13.3f}")
+
+
+if __name__ == "__main__":
+    main()
