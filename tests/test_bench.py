@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from scenes import SLIDING, WIDTH, scene, tile
 from tbsa.errors import InputError
 from tbsa.model.scene import Drive, Floor, Material, Reactor, Solver, dumps, parse
 from tbsa.model.simulation import Simulation
-from tbsa.work.bench import Trial, bench, describe, recommend, with_substep
+from tbsa.work.bench import Trial, bench, describe, recommend
 from tbsa.work.bench import _layout as start_of
 from tbsa.work.bench import _run as trial_run
 from tbsa.work.cli import main
@@ -84,12 +83,6 @@ def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
     assert abs(y[0]) > WIDTH
     assert overlap == 0.0
     assert cost > 0.0
-
-
-def test_a_substep_is_a_part_of_the_step_or_a_step_of_its_own():
-    assert with_substep(SETTING, 1 / 960) == replace(SETTING, substeps=8)
-    assert with_substep(SETTING, 1 / 120) == replace(SETTING, substeps=1)
-    assert with_substep(SETTING, 1 / 60) == replace(SETTING, step=1 / 60, substeps=1)
 
 
 @pytest.mark.parametrize(("option", "value", "field"), [

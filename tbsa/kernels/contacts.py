@@ -357,10 +357,10 @@ def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
             k00 = linear + ia * an0 * an0 + ib * bn0 * bn0
             k11 = linear + ia * an1 * an1 + ib * bn1 * bn1
             ktt = linear + ia * at * at + ib * bt * bt
-            two = count > 1.5
-            an, bn = (an1 if two else at), (bn1 if two else bt)
-            k01 = (linear if two else 0.0) + ia * an0 * an + ib * bn0 * bn
-            both = k00 * (k11 if two else ktt)
+            one, two = count == 1.0, count == 2.0  # neither: a row that is not in contact
+            an, bn = (at if one else an1), (bt if one else bn1)
+            k01 = (0.0 if one else linear) + ia * an0 * an + ib * bn0 * bn
+            both = k00 * (ktt if one else k11)
             det = both - k01 * k01
             r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i] = k00, k01, k11, ktt
             r[o + I00 + i] = 1.0 / k00 if k00 > 0.0 else 0.0

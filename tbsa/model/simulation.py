@@ -67,6 +67,8 @@ class Simulation:
     ----------
     scene, layout
         As given.
+    h
+        Length of a step (s).
     steps
         Number of steps done.
     state
@@ -87,7 +89,7 @@ class Simulation:
         n = layout.x.size
         body, magnet, wall = scene.material, scene.magnet, scene.reactor
         self.steps = 0
-        self.h = scene.solver.step / scene.solver.substeps
+        self.h = scene.solver.step
         ground = np.zeros(1)
         capacity = 16 * n + 16
         free = np.where(layout.held, 0.0, 1.0)
@@ -109,7 +111,8 @@ class Simulation:
         circle = wall is not None and wall.shape == "circle"
         # Every float a float: another type would be another signature, compiled anew.
         self.numbers = Numbers(
-            n=n, width=float(body.width), h=self.h, substeps=int(scene.solver.substeps),
+            n=n, width=float(body.width), h=self.h / scene.solver.substeps,
+            substeps=int(scene.solver.substeps),
             mass=float(body.mass),
             inertia=float(body.mass * body.width**2 / 6.0),
             linear_damping=float(body.linear_damping),
@@ -153,7 +156,7 @@ class Simulation:
     @property
     def time(self) -> float:
         """Simulated time (s)."""
-        return self.steps * self.scene.solver.step
+        return self.steps * self.h
 
     @property
     def x(self) -> Floats:
@@ -207,12 +210,12 @@ class Simulation:
             elif error == core.NOT_FINITE:
                 raise SimulationError(
                     f"positions or velocities stopped being finite before t = {self.time} s; "
-                    f"the load is too large for a substep of {self.h:.3g} s"
+                    f"the load is too large for a substep of {self.numbers.h:.3g} s"
                 )
 
     def run(self, seconds: float) -> None:
         """Advance by a time (s), to the nearest step."""
-        self.advance(round(seconds / self.scene.solver.step))
+        self.advance(round(seconds / self.h))
 
     def _grow(self) -> None:
         capacity = 2 * self._work.pairs.other.size
@@ -248,8 +251,9 @@ class Simulation:
         return {
             "a": store.a[k].copy(), "b": store.b[k].copy(),
             "points": np.where(store.id1[k] < 0, 1, 2),
-            "normal0": store.pn0[k] / self.h, "normal1": store.pn1[k] / self.h,
-            "friction": store.pt[k] / self.h,
+            "normal0": store.pn0[k] / self.numbers.h,
+            "normal1": store.pn1[k] / self.numbers.h,
+            "friction": store.pt[k] / self.numbers.h,
         }
 
     def kinetic_energy(self) -> float:

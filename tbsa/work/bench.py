@@ -16,11 +16,11 @@ from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.model.squares import depth, near
 from tbsa.work.report import aligned
 
-SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the scene's substep
+SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the scene's step
 EFFORTS = ((10.0, 1), (1.0, 1), (0.1, 10))  # of the scene's tolerance, and of its passes
-FINEST = 8  # of the shortest substep, for the run that the others are held against
+FINEST = 8  # of the shortest step, for the run that the others are held against
 LOOKS = 32  # at the overlap, in a trial
-LONGEST = 1 / 30  # s, substep
+LONGEST = 1 / 30  # s, step
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,12 @@ class Trial:
         return max(self.deviation, self.overlap)
 
 
-def with_substep(solver: Solver, h: float) -> Solver:
-    """The solver at a substep near `h` (s): its step and as many substeps, or a longer step."""
-    substeps = max(1, round(solver.step / h))
-    return replace(solver, step=max(solver.step, h) if substeps == 1 else solver.step,
-                   substeps=substeps)
-
-
 def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
           progress: Callable[[int, int], None] | None = None) -> list[Trial]:
     """Try settings of the solver on a scene.
 
     The scene runs for `after` (s) as it is.  From there every setting goes on for `horizon` (s)
-    and is compared with one of an eighth of the shortest substep.  Motion with many contacts is
+    and is compared with one of an eighth of the shortest step.  Motion with many contacts is
     chaotic: a longer horizon would tell how chaotic it is, not how exact the solver.
 
     Parameters
@@ -71,7 +64,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     scene
         A validated scene.
     horizon, after : float
-        s; at least one of the longest substeps tried, and not negative.
+        s; at least one of the longest steps tried, and not negative.
     progress
         Called with the number of trials done and of all.
 
@@ -87,10 +80,10 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     SimulationError
         The scene cannot be followed with the finest setting.
     """
-    h = scene.solver.step / scene.solver.substeps
-    substeps = [share * h for share in SHARES if share <= 1.0 or share * h <= LONGEST]
-    if not max(substeps) <= horizon <= 1e6:
-        raise InputError(f"must be a number from {max(substeps):g} to 1e+06 s", field="horizon",
+    h = scene.solver.step
+    steps = [share * h for share in SHARES if share <= 1.0 or share * h <= LONGEST]
+    if not max(steps) <= horizon <= 1e6:
+        raise InputError(f"must be a number from {max(steps):g} to 1e+06 s", field="horizon",
                          value=horizon)
     if not 0.0 <= after <= 1e9:
         raise InputError("must be a number from 0 to 1e+09 s", field="after", value=after)
@@ -98,12 +91,12 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     first.run(after)
     start, begun = _layout(first), first.time
 
-    settings = [replace(with_substep(scene.solver, step),
+    settings = [replace(scene.solver, step=step,
                         tolerance=min(factor * scene.solver.tolerance, 1.0),
                         passes=min(more * scene.solver.passes, 100_000))
-                for step in substeps for factor, more in EFFORTS]
+                for step in steps for factor, more in EFFORTS]
     settings = list(dict.fromkeys(settings))
-    finest = replace(with_substep(scene.solver, min(substeps) / FINEST),
+    finest = replace(scene.solver, step=min(steps) / FINEST,
                      tolerance=0.01 * scene.solver.tolerance,
                      passes=min(100 * scene.solver.passes, 100_000))
     total = len(settings) + 1
@@ -162,10 +155,10 @@ def _run(scene: Scene, solver: Solver, start: Layout, begun: float,
          horizon: float) -> tuple[NDArray[np.float64], float, float]:
     """Centres at the end, shape (2, n) (m); deepest overlap (widths); s of wall for one s."""
     s = Simulation(replace(scene, solver=solver), start)
-    s.substep = round(begun / s.h)  # the drive goes on where it was
-    substeps, deepest, spent, done = round(horizon / s.h), 0.0, 0.0, 0
+    s.steps = round(begun / s.h)  # the drive goes on where it was
+    steps, deepest, spent, done = round(horizon / s.h), 0.0, 0.0, 0
     for look in range(1, LOOKS + 1):
-        now = round(substeps * look / LOOKS)
+        now = round(steps * look / LOOKS)
         if now == done:
             continue
         clock = time.perf_counter()

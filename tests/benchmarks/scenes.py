@@ -92,7 +92,7 @@ class Reference:
 
 def at_step(scene: Scene, h: float, **changes: Any) -> Scene:
     """The scene at a substep of `h` (s) and other changes of its solver."""
-    solver = replace(scene.solver, step=4 * h, substeps=4, **changes)
+    solver = replace(scene.solver, step=h, **changes)
     return replace(scene, solver=solver)
 
 

@@ -64,7 +64,7 @@ class Row:
     recovery: float | None = None  # s, within which a bad start must be over
     limit: str = ""  # why the scene cannot be followed; "" if it can
     fast: bool = False
-    every: int = 4  # substeps between looks
+    every: int = 4  # steps between looks
     passed: Callable[[Simulation], bool] | None = None  # somebody is where nobody can come
     blind: bool = False  # too long to follow the drive's work: it has none, or damping wins
 
@@ -83,7 +83,7 @@ class Outcome:
 
 def solver(h: float = H) -> Solver:
     """Default settings at a substep of `h` (s); a step has at most 0.1 s."""
-    return Solver(step=4 * h, substeps=4) if h <= 1 / 60 else Solver(step=h, substeps=1)
+    return Solver(step=h)
 
 
 def tile(x: float, y: float, angle: float = 0.0, v: tuple[float, float] = (0.0, 0.0),
