@@ -434,36 +434,55 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
 
 
 @inline
+def ways_out(rows: Rows, block: int, k: Numbers, v: Bodies) -> bool:
+    """How far the points of a block may or must move (m) into ``want``; whether any must.
+
+    Points that will overlap by more than the slop move a fifth of the way back, never further
+    than 2 % of the width; others may close their gap.
+    """
+    slop, most = SLOP * k.width, 0.02 * k.width
+    r = rows.field
+    gather(rows, block, v.vx, v.vy, v.w)
+    o = U(block) * BLOCK
+    some = 0
+    for i in range(LANES):
+        j = o + i
+        wa, wb, count = r[j + AW], r[j + BW], r[j + COUNT]
+        along = r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY])
+        g0 = r[j + GAP0] + slop + k.h * (along + r[j + BN0] * wb - r[j + AN0] * wa)
+        g1 = r[j + GAP1] + slop + k.h * (along + r[j + BN1] * wb - r[j + AN1] * wa)
+        g0, g1 = (g0 if count > 0.5 else 1.0), (g1 if count > 1.5 else 1.0)
+        r[j + WANT0] = g0 if g0 > 0.0 else max(0.2 * g0, -most)
+        r[j + WANT1] = g1 if g1 > 0.0 else max(0.2 * g1, -most)
+        some += 1 if (g0 < 0.0) | (g1 < 0.0) else 0
+    return some > 0
+
+
+@inline
 def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
             x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
     """Move deeply overlapping tiles apart; returns whether there were any.
 
     The velocity solve does not push apart what overlaps, so that it never adds energy; a
-    solved scene does not need this.  Points that overlapped by more than a slop in the middle of
-    the substep are moved a fifth of the way back, never further than 2 % of the width, and other
-    points may not be closed by it.  One pass: what is left is there again in the next substep.
+    solved scene does not need this.  One pass: what is left is there again in the next substep.
     """
-    slop, most = SLOP * k.width, 0.02 * k.width
     r, body, first, active = rows.field, rows.body, rows.first, rows.active
     vx, vy = v.vx, v.vy
     deep = 0
-    for block in range(first[COLOURS]):
-        gather(rows, block, vx, vy, v.w)
+    # Only points that overlap, or that the solve has not come to the end with, can be deep.
+    low, rough = -0.5 * SLOP * k.width, 0.5 * SLOP * k.width / k.h
     for block in range(first[COLOURS]):
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
             j = o + i
-            wa, wb, count = r[j + AW], r[j + BW], r[j + COUNT]
-            along = (r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY]))
-            g0 = r[j + GAP0] + slop + k.h * (along + r[j + BN0] * wb - r[j + AN0] * wa)
-            g1 = r[j + GAP1] + slop + k.h * (along + r[j + BN1] * wb - r[j + AN1] * wa)
-            g0, g1 = (g0 if count > 0.5 else 1.0), (g1 if count > 1.5 else 1.0)
-            r[j + WANT0] = g0 if g0 > 0.0 else max(0.2 * g0, -most)
-            r[j + WANT1] = g1 if g1 > 0.0 else max(0.2 * g1, -most)
-            some += 1 if (g0 < 0.0) | (g1 < 0.0) else 0
-        deep += some
-        active[block] = some
+            near = (min(r[j + GAP0], r[j + GAP1]) < low) | (r[j + CHANGE] > rough)
+            some += 1 if near & (r[j + COUNT] != 0.0) else 0
+        active[block] = 1 if some > 0 else 0
+    for block in range(first[COLOURS]):
+        if active[block] == 1 and ways_out(rows, block, k, v):
+            active[block] = 2
+            deep += 1
     if deep == 0:
         return False
     sx, sy, sw, moved = shift.vx, shift.vy, shift.w, shift.moved
@@ -474,26 +493,16 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     mobile = v.mobile
     for block in range(first[COLOURS]):
         o, t = U(block) * BLOCK, U(block) * BODIES
-        near = active[block] > 0
-        for i in range(BODIES):
-            near |= moved[U(body[t + i])] > 0
-        if not near:
-            continue
+        if active[block] != 2:
+            near = False
+            for i in range(BODIES):
+                near |= moved[U(body[t + i])] > 0
+            if not near:
+                continue
+            if active[block] == 0:
+                ways_out(rows, block, k, v)
         gather(rows, block, sx, sy, sw)
-        for i in range(LANES):
-            j = o + i
-            wa, wb = r[j + AW], r[j + BW]
-            along = (r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY]))
-            p0, p1 = two_points(along + r[j + BN0] * wb - r[j + AN0] * wa + r[j + WANT0],
-                                along + r[j + BN1] * wb - r[j + AN1] * wa + r[j + WANT1],
-                                r[j + K01], r[j + I00], r[j + I11], r[j + K00], r[j + K11],
-                                r[j + IDET])
-            one = r[j + COUNT] < 1.5
-            p0 = (max(-(along + r[j + BN0] * wb - r[j + AN0] * wa + r[j + WANT0]) * r[j + I00],
-                      0.0) if one else p0)
-            p1 = 0.0 if one else p1
-            push(r, j, per_mass, p0, p1, 0.0)
-            r[j + CHANGE] = p0 + p1
+        part_points(r, block, per_mass)
         scatter(rows, block, sx, sy, sw)
         for i in range(LANES):
             q = r[o + CHANGE + i]
@@ -521,3 +530,20 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     for i in range(k.n):
         angle[i] += sw[i]
     return True
+
+
+@inline
+def part_points(r: np.ndarray, block: int, per_mass: float) -> None:
+    """Move the bodies of a block apart, as ``want`` says; the sum of both pushes in ``change``."""
+    o = U(block) * BLOCK
+    for i in range(LANES):
+        j = o + i
+        wa, wb, one = r[j + AW], r[j + BW], r[j + COUNT] < 1.5
+        along = r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY])
+        u0 = along + r[j + BN0] * wb - r[j + AN0] * wa + r[j + WANT0]
+        u1 = along + r[j + BN1] * wb - r[j + AN1] * wa + r[j + WANT1]
+        p0, p1 = two_points(u0, u1, r[j + K01], r[j + I00], r[j + I11], r[j + K00], r[j + K11],
+                            r[j + IDET])
+        p0, p1 = (max(-u0 * r[j + I00], 0.0) if one else p0), (0.0 if one else p1)
+        push(r, j, per_mass, p0, p1, 0.0)
+        r[j + CHANGE] = p0 + p1
