@@ -342,7 +342,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 note_overlap(rows, k.width, counts)
                 if struck > 0:
                     counts.impacts[0] += struck
-                    impacts(rows, k, v, work.scratch)
+                    impacts(rows, k, v, work.scratch, x, y, angle, c, s)
             else:
                 counts.overlap[0] += 1
             kick(k, work.fx, work.fy, work.torque, v)

@@ -110,10 +110,10 @@ def empty_rows(n: int, capacity: int) -> Rows:
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
     whole = [capacity] * 4, [COLOURS + 1], [blocks] * 4, [capacity] * 3, [n + 2, 2 * capacity]
     lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
-    return Rows(*lists[0], field[shift : shift + blocks * int(BLOCK)],
-                np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3],
-                *lists[4], np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
-                np.zeros(1, np.int64))
+    return Rows._make([
+        *lists[0], field[shift : shift + blocks * int(BLOCK)],
+        np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
+        np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(1, np.int64)])
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -265,77 +265,100 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
 
 
 @inline
-def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: float,
-               wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
-               vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
-    """Where the rows touch now; every point keeps its impulse, a new point has none."""
-    r, body, single = rows.field, rows.body, rows.single
-    walls = rows.first[PAIR_COLOURS]
-    for block in range(walls):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):  # gather
-            a, b = U(body[t + i]), U(body[t + LANES + i])
-            r[o + K00 + i], r[o + K01 + i] = c[a], s[a]
-            r[o + K11 + i], r[o + KTT + i] = c[b], s[b]
-            r[o + I00 + i], r[o + I11 + i] = x[b] - x[a], y[b] - y[a]
-            r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
-            r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
-    for block in range(walls):
-        o = U(block) * BLOCK
-        lone = 0
-        for i in range(LANES):
-            vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
-            margin = SPARE * width + h * (
-                math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
-                + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
-            count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt = square_square(
-                r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
-                r[o + KTT + i], width, margin)
-            count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
-            id1 = -1.0 if count < 1.5 else id1
-            was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
-            p0 = q0 if id0 == was0 else (q1 if id0 == was1 else 0.0)
-            p1 = q1 if id1 == was1 else (q0 if id1 == was0 else 0.0)
-            p0 = 0.0 if count == 0.0 else p0
-            p1 = 0.0 if count < 1.5 else p1
-            pt = 0.0 if (p0 == 0.0) & (p1 == 0.0) else r[o + PT + i]
-            r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
-            r[o + ID0 + i], r[o + GAP0 + i] = id0, gap0
-            r[o + AN0 + i], r[o + BN0 + i] = an0, bn0
-            r[o + ID1 + i], r[o + GAP1 + i] = id1, gap1
-            r[o + AN1 + i], r[o + BN1 + i] = an1, bn1
-            r[o + AT + i], r[o + BT + i] = at, bt
-            r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, pt
-            r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = p0, p1, pt
-            lone += 1 if count == 1.0 else 0
-        single[block] = lone
-    for block in range(walls, rows.first[COLOURS]):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        single[block] = 8
-        for i in range(LANES):
-            a = U(body[t + i])
-            if a == U(n):
-                continue
-            q = int(r[o + ID1 + i])
-            rx, ry = corner_arm(q // 2, 0.5 * width, c[a], s[a])
-            gap, nx, ny = wall_gap(wall, q % 2, wall_x, wall_y, x[a] + rx, y[a] + ry)
-            margin = SPARE * width + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
-                                          + 0.7072 * width * abs(w[a]))
-            count = 1.0 if gap <= margin else 0.0
-            r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
-            r[o + GAP0 + i], r[o + GAP1 + i] = gap, gap
-            r[o + AN0 + i], r[o + BN0 + i] = rx * ny - ry * nx, 0.0
-            r[o + AN1 + i], r[o + BN1 + i] = r[o + AN0 + i], 0.0
-            r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
-            r[o + PN0 + i] *= count
-            r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
-            r[o + WARM0 + i], r[o + WARMT + i] = r[o + PN0 + i], r[o + PT + i]
-            r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+def look(rows: Rows, block: int, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
+         vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """Places and velocities of the bodies of a block of pairs, into its lanes."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for i in range(LANES):  # gather
+        a, b = U(body[t + i]), U(body[t + LANES + i])
+        r[o + K00 + i], r[o + K01 + i] = c[a], s[a]
+        r[o + K11 + i], r[o + KTT + i] = c[b], s[b]
+        r[o + I00 + i], r[o + I11 + i] = x[b] - x[a], y[b] - y[a]
+        r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+        r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
 
 
 @inline
-def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
-    """Effective masses of the rows and what closes; returns the number of points that hit.
+def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
+    """Where the pairs of a block touch; every point keeps its impulse, a new point has none."""
+    r = rows.field
+    o = U(block) * BLOCK
+    lone = 0
+    for i in range(LANES):
+        vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
+        margin = SPARE * width + h * (
+            math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
+            + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
+        count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt = square_square(
+            r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
+            r[o + KTT + i], width, margin)
+        count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
+        id1 = -1.0 if count < 1.5 else id1
+        was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
+        p0 = q0 if id0 == was0 else (q1 if id0 == was1 else 0.0)
+        p1 = q1 if id1 == was1 else (q0 if id1 == was0 else 0.0)
+        p0 = 0.0 if count == 0.0 else p0
+        p1 = 0.0 if count < 1.5 else p1
+        pt = 0.0 if (p0 == 0.0) & (p1 == 0.0) else r[o + PT + i]
+        r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
+        r[o + ID0 + i], r[o + GAP0 + i] = id0, gap0
+        r[o + AN0 + i], r[o + BN0 + i] = an0, bn0
+        r[o + ID1 + i], r[o + GAP1 + i] = id1, gap1
+        r[o + AN1 + i], r[o + BN1 + i] = an1, bn1
+        r[o + AT + i], r[o + BT + i] = at, bt
+        r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, pt
+        r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = p0, p1, pt
+        lone += 1 if count == 1.0 else 0
+    rows.single[block] = lone
+
+
+@inline
+def place_walls(rows: Rows, block: int, n: int, width: float, h: float, wall: int, wall_x: float,
+                wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
+                vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """Where the corners of a block touch the wall."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    rows.single[block] = 8
+    for i in range(LANES):
+        a = U(body[t + i])
+        if a == U(n):
+            continue
+        q = int(r[o + ID1 + i])
+        rx, ry = corner_arm(q // 2, 0.5 * width, c[a], s[a])
+        gap, nx, ny = wall_gap(wall, q % 2, wall_x, wall_y, x[a] + rx, y[a] + ry)
+        margin = SPARE * width + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
+                                      + 0.7072 * width * abs(w[a]))
+        count = 1.0 if gap <= margin else 0.0
+        r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
+        r[o + GAP0 + i], r[o + GAP1 + i] = gap, gap
+        r[o + AN0 + i], r[o + BN0 + i] = rx * ny - ry * nx, 0.0
+        r[o + AN1 + i], r[o + BN1 + i] = r[o + AN0 + i], 0.0
+        r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
+        r[o + PN0 + i] *= count
+        r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
+        r[o + WARM0 + i], r[o + WARMT + i] = r[o + PN0 + i], r[o + PT + i]
+        r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+
+
+@inline
+def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: float,
+               wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
+               vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """Where all rows touch now."""
+    walls = rows.first[PAIR_COLOURS]
+    for block in range(walls):
+        look(rows, block, x, y, c, s, vx, vy, w)
+    for block in range(walls):
+        place_pairs(rows, block, width, h)
+    for block in range(walls, rows.first[COLOURS]):
+        place_walls(rows, block, n, width, h, wall, wall_x, wall_y, x, y, c, s, vx, vy, w)
+
+
+@inline
+def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float) -> int:
+    """Effective masses of a block's rows and what closes; returns the points that hit.
 
     k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
     or in a row of one point by a unit of friction; ktt: the same for friction; i: inverses, and
@@ -343,45 +366,51 @@ def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
     hits if it closes within h, faster than the threshold, and has not been in contact: points
     that are pressed together approach by what the last solve left, and leave it to the next.
     """
-    r, hits = rows.field, rows.hits
+    r = rows.field
+    o = U(block) * BLOCK
+    some = 0
+    for i in range(LANES):
+        ma, mb = r[o + MA + i], r[o + MB + i]
+        an0, bn0, an1, bn1 = r[o + AN0 + i], r[o + BN0 + i], r[o + AN1 + i], r[o + BN1 + i]
+        at, bt, count = r[o + AT + i], r[o + BT + i], r[o + COUNT + i]
+        wa, wb, nx, ny = r[o + AW + i], r[o + BW + i], r[o + NX + i], r[o + NY + i]
+        linear, ia, ib = ma + mb, per_mass * ma, per_mass * mb
+        k00 = linear + ia * an0 * an0 + ib * bn0 * bn0
+        k11 = linear + ia * an1 * an1 + ib * bn1 * bn1
+        ktt = linear + ia * at * at + ib * bt * bt
+        one, two = count == 1.0, count == 2.0  # neither: a row that is not in contact
+        an, bn = (at if one else an1), (bt if one else bn1)
+        k01 = (0.0 if one else linear) + ia * an0 * an + ib * bn0 * bn
+        both = k00 * (ktt if one else k11)
+        det = both - k01 * k01
+        r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i] = k00, k01, k11, ktt
+        r[o + I00 + i] = 1.0 / k00 if k00 > 0.0 else 0.0
+        r[o + I11 + i] = 1.0 / k11 if k11 > 0.0 else 0.0
+        r[o + ITT + i] = 1.0 / ktt if ktt > 0.0 else 0.0
+        r[o + IDET + i] = 1.0 / det if det > 1e-9 * both else np.nan
+        along = (nx * (r[o + BX + i] - r[o + AX + i]) + ny * (r[o + BY + i] - r[o + AY + i]))
+        vn0, vn1 = along + bn0 * wb - an0 * wa, along + bn1 * wb - an1 * wa
+        r[o + VN0 + i], r[o + VN1 + i] = vn0, vn1
+        gap0, gap1 = r[o + GAP0 + i], r[o + GAP1 + i]
+        none = count == 0.0
+        r[o + WANT0 + i] = NEVER if none else max(gap0, 0.0) / h
+        r[o + WANT1 + i] = NEVER if none else max(gap1, 0.0) / h
+        hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * vn0 < 0.0)
+                & (r[o + WARM0 + i] == 0.0))
+        hit1 = (two & (vn1 < -threshold) & (gap1 + h * vn1 < 0.0)
+                & (r[o + WARM1 + i] == 0.0))
+        r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
+        some += (1 if hit0 else 0) + (1 if hit1 else 0)
+    rows.hits[block] = some
+    return some
+
+
+@inline
+def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
+    """`weigh_block` for all blocks; returns the number of points that hit."""
     struck = 0
     for block in range(rows.first[COLOURS]):
-        o = U(block) * BLOCK
-        some = 0
-        for i in range(LANES):
-            ma, mb = r[o + MA + i], r[o + MB + i]
-            an0, bn0, an1, bn1 = r[o + AN0 + i], r[o + BN0 + i], r[o + AN1 + i], r[o + BN1 + i]
-            at, bt, count = r[o + AT + i], r[o + BT + i], r[o + COUNT + i]
-            wa, wb, nx, ny = r[o + AW + i], r[o + BW + i], r[o + NX + i], r[o + NY + i]
-            linear, ia, ib = ma + mb, per_mass * ma, per_mass * mb
-            k00 = linear + ia * an0 * an0 + ib * bn0 * bn0
-            k11 = linear + ia * an1 * an1 + ib * bn1 * bn1
-            ktt = linear + ia * at * at + ib * bt * bt
-            one, two = count == 1.0, count == 2.0  # neither: a row that is not in contact
-            an, bn = (at if one else an1), (bt if one else bn1)
-            k01 = (0.0 if one else linear) + ia * an0 * an + ib * bn0 * bn
-            both = k00 * (ktt if one else k11)
-            det = both - k01 * k01
-            r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i] = k00, k01, k11, ktt
-            r[o + I00 + i] = 1.0 / k00 if k00 > 0.0 else 0.0
-            r[o + I11 + i] = 1.0 / k11 if k11 > 0.0 else 0.0
-            r[o + ITT + i] = 1.0 / ktt if ktt > 0.0 else 0.0
-            r[o + IDET + i] = 1.0 / det if det > 1e-9 * both else np.nan
-            along = (nx * (r[o + BX + i] - r[o + AX + i]) + ny * (r[o + BY + i] - r[o + AY + i]))
-            vn0, vn1 = along + bn0 * wb - an0 * wa, along + bn1 * wb - an1 * wa
-            r[o + VN0 + i], r[o + VN1 + i] = vn0, vn1
-            gap0, gap1 = r[o + GAP0 + i], r[o + GAP1 + i]
-            none = count == 0.0
-            r[o + WANT0 + i] = NEVER if none else max(gap0, 0.0) / h
-            r[o + WANT1 + i] = NEVER if none else max(gap1, 0.0) / h
-            hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * vn0 < 0.0)
-                    & (r[o + WARM0 + i] == 0.0))
-            hit1 = (two & (vn1 < -threshold) & (gap1 + h * vn1 < 0.0)
-                    & (r[o + WARM1 + i] == 0.0))
-            r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
-            some += (1 if hit0 else 0) + (1 if hit1 else 0)
-        hits[block] = some
-        struck += some
+        struck += weigh_block(rows, block, h, per_mass, threshold)
     return struck
 
 

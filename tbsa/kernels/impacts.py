@@ -12,14 +12,13 @@ is then shortened until its kinetic energy does not rise.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tbsa.kernels.contacts import (
     AN0,
     AN1,
-    AT,
     AW,
     AX,
     AY,
@@ -28,7 +27,6 @@ from tbsa.kernels.contacts import (
     BN0,
     BN1,
     BODIES,
-    BT,
     BW,
     BX,
     BY,
@@ -38,17 +36,16 @@ from tbsa.kernels.contacts import (
     GAP0,
     GAP1,
     HIT,
-    ID0,
+    ID1,
     K00,
-    K01,
     K11,
-    KTT,
     LANES,
     MA,
     MB,
     MU,
     NX,
     NY,
+    PAIR_COLOURS,
     PN0,
     PN1,
     PT,
@@ -61,13 +58,22 @@ from tbsa.kernels.contacts import (
     WARMT,
     E,
     Rows,
+    corner_arm,
+    look,
+    place_pairs,
+    place_walls,
+    wall_gap,
+    weigh_block,
 )
+from tbsa.kernels.geometry import cos_sin, square_square
 from tbsa.kernels.jit import U, columns, inline
 from tbsa.kernels.routh import routh
 from tbsa.kernels.solver import Bodies, Numbers, solve_mixed
 
 # Points nearer than this fraction of the width take part in an impact of their tiles.
 TOUCHING = 1e-3
+# Two points of a manifold whose gaps differ by less hit together.
+FLUSH = 1e-6
 
 
 class Scratch(NamedTuple):
@@ -94,7 +100,7 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
     whole = {"in_it", "tiles", "island"}
     parts = [np.zeros(8 * blocks, np.int64) for _ in range(4)]
     parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-1]])
-    return Scratch(*parts, np.zeros(2, np.int64))
+    return Scratch._make([*parts, np.zeros(2, np.int64)])
 
 
 @inline
@@ -107,47 +113,124 @@ def root(parent: np.ndarray, i: int) -> int:
 
 
 @inline
+def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndarray,
+            y: np.ndarray, angle: np.ndarray) -> Any:
+    """When and where the point of a row that hits closes its gap, both bodies flying on.
+
+    Newton's method for the gap as a function of time.  Returns ``(found, time, n_x, n_y, an, bn,
+    at, bt)``, time in s from now; not found where two points close at once, or where the gap
+    does not close within a substep after all.
+    """
+    r, body = rows.field, rows.body
+    i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
+    a, b = U(body[t]), U(body[t + LANES])
+    wall = b == U(k.n)
+    vx, vy, w = v.vx, v.vy, v.w
+    second = r[i + HIT] == 2.0
+    gap, vn = (r[i + GAP1], r[i + VN1]) if second else (r[i + GAP0], r[i + VN0])
+    time = max(gap, 0.0) / -vn
+    for _ in range(20):
+        qa = angle[a] + time * w[a]
+        ca, sa = cos_sin(qa)
+        xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
+        if wall:
+            corner = int(r[i + ID1])
+            rx, ry = corner_arm(corner // 2, 0.5 * k.width, ca, sa)
+            gap, nx, ny = wall_gap(k.wall, corner % 2, k.wall_x, k.wall_y, xa + rx, ya + ry)
+            an, bn = rx * ny - ry * nx, 0.0
+            at, bt = rx * nx + ry * ny, 0.0
+        else:
+            cb, sb = cos_sin(angle[b] + time * w[b])
+            dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
+            # Both points, then the nearer one alone.
+            count, _, _, _, gap0, _, _, _, gap1, _, _, _, _ = square_square(
+                dx, dy, ca, sa, cb, sb, k.width, k.width)
+            if count != 1.0 and abs(gap1 - gap0) < FLUSH * k.width:
+                return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            count, nx, ny, _, gap, an, bn, _, _, _, _, at, bt = square_square(
+                dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap0 + gap1))
+            if count != 1.0:
+                return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
+        if vn >= 0.0:
+            return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        step = gap / -vn
+        if abs(step) <= 1e-12 * k.h or (time == 0.0 and step <= 0.0):
+            return True, time, nx, ny, an, bn, at, bt
+        time = min(max(time + step, 0.0), 2.0 * k.h)
+    return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@inline
 def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: float,
-                v: Bodies) -> bool:
-    """Routh's impact at the one point of a row that hits; False where a second point would too."""
+                v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
+                s: np.ndarray) -> bool:
+    """Routh's impact at the one point of a row that hits; False where a second point would too.
+
+    The bodies fly on to where they meet, exchange their impulses there, and go back in time with
+    the velocities that they then have: what they do after the impact is exact, and no momentum
+    is lost.
+    """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
     if r[i + HIT] == 3.0:
         return False
-    second, two = r[i + HIT] == 2.0, r[i + COUNT] == 2.0
-    a, b, nx, ny, at, bt = (U(body[t]), U(body[t + LANES]), r[i + NX], r[i + NY], r[i + AT],
-                            r[i + BT])
-    an, bn, knn, vn = r[i + AN0], r[i + BN0], r[i + K00], r[i + VN0]
-    gap_other, vn_other = r[i + GAP1], r[i + VN1]
-    if second:
-        an, bn, knn, vn = r[i + AN1], r[i + BN1], r[i + K11], vn_other
-        gap_other, vn_other = r[i + GAP0], r[i + VN0]
+    found, time, nx, ny, an, bn, at, bt = meeting(rows, block, lane, k, v, x, y, angle)
+    if not found:
+        return False
+    a, b = U(body[t]), U(body[t + LANES])
     vx, vy, w = v.vx, v.vy, v.w
     ma, mb = v.mobile[a], v.mobile[b]
-    ktt = r[i + KTT]
-    if two:
-        # The row's friction acts midway between its points; this impact at the one that hits.
-        # An even first id says that the face is a's (see `square_square`).
-        aside = 0.25 * (r[i + GAP1] - r[i + GAP0]) * (1.0 if second else -1.0)
-        aside *= 1.0 if r[i + ID0] % 2.0 == 0.0 else -1.0
-        at, bt = at + aside, bt + aside
-        ktt = im * (ma + mb) + ii * (ma * at * at + mb * bt * bt)
+    knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
+    ktt = im * (ma + mb) + ii * (ma * at * at + mb * bt * bt)
     knt = ii * (ma * an * at + mb * bn * bt)
+    vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
     vt = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a]) + bt * w[b] - at * w[a]
     pn, pt = routh(vn, vt, knn, ktt, knt, r[i + MU], r[i + E])
-    if two:
-        an2, bn2 = (r[i + AN0], r[i + BN0]) if second else (r[i + AN1], r[i + BN1])
-        vn_other += r[i + K01] * pn + ii * (ma * an2 * at + mb * bn2 * bt) * pt
-        if gap_other + k.h * vn_other < 0.0:
-            return False
     px, py = nx * pn - ny * pt, ny * pn + nx * pt
+    turn_a, turn_b = -ma * ii * (an * pn + at * pt), mb * ii * (bn * pn + bt * pt)
     vx[a] -= ma * im * px
     vy[a] -= ma * im * py
-    w[a] -= ma * ii * (an * pn + at * pt)
+    w[a] += turn_a
     vx[b] += mb * im * px
     vy[b] += mb * im * py
-    w[b] += mb * ii * (bn * pn + bt * pt)
+    w[b] += turn_b
+    x[a] += time * ma * im * px
+    y[a] += time * ma * im * py
+    angle[a] -= time * turn_a
+    x[b] -= time * mb * im * px
+    y[b] -= time * mb * im * py
+    angle[b] -= time * turn_b
+    r[i + HIT] = 0.0
+    for body_index in (a, b):
+        if body_index == U(k.n) or v.mobile[body_index] == 0.0:
+            continue
+        c[body_index], s[body_index] = cos_sin(angle[body_index])
+    for body_index in (a, b):
+        for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
+            place_again(rows, rows.of[p] // 8, k, ii / im, v, x, y, c, s)
     return True
+
+
+@inline
+def place_again(rows: Rows, block: int, k: Numbers, per_mass: float, v: Bodies, x: np.ndarray,
+                y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """The rows of a block from where its tiles are now; what hits stays as it was found."""
+    r = rows.field
+    o = U(block) * BLOCK
+    hits = rows.hits[block]
+    for i in range(LANES):
+        r[o + CHANGE + i] = r[o + HIT + i]
+    if block < rows.first[PAIR_COLOURS]:
+        look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
+        place_pairs(rows, block, k.width, k.h)
+    else:
+        place_walls(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx,
+                    v.vy, v.w)
+    weigh_block(rows, block, k.h, per_mass, k.threshold)
+    for i in range(LANES):
+        r[o + HIT + i] = r[o + CHANGE + i]
+    rows.hits[block] = hits
 
 
 @inline
@@ -280,7 +363,8 @@ def touching_rows(rows: Rows, tile: int, near: float) -> int:
 
 
 @inline
-def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
+def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
+            angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
     """Impulses of everything that hits in this substep, as marked in ``hit``.
 
     The floor's dry friction is a finite force and does nothing in an impact.  Only the rows that
@@ -301,7 +385,8 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
             a, b = body[t + i], body[t + LANES + i]
             alone = ((mobile[a] == 0.0 or touching_rows(rows, a, touching) == 1)
                      and (mobile[b] == 0.0 or touching_rows(rows, b, touching) == 1))
-            if not (alone and lone_impact(rows, block, i, k, im, ii, v)):
+            if not (alone and lone_impact(rows, block, i, k, im, ii, v,
+                                                x, y, angle, c, s)):
                 z.now[size] = 8 * block + int(i)
                 size += 1
     if size == 0:
@@ -323,21 +408,21 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
     size = 0
     for j in range(z.size[0]):
         q = z.rows[j]
-        i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
-        e, p0, p1 = r[i + E], r[i + PN0], r[i + PN1]
-        p0 = e * p0 if p0 * r[i + K00] > k.threshold else 0.0
-        p1 = e * p1 if p1 * r[i + K11] > k.threshold else 0.0
-        r[i + PN0] = r[i + PN1] = r[i + PT] = 0.0
-        r[i + BASE] = p0 + p1
+        at, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+        e, p0, p1 = r[at + E], r[at + PN0], r[at + PN1]
+        p0 = e * p0 if p0 * r[at + K00] > k.threshold else 0.0
+        p1 = e * p1 if p1 * r[at + K11] > k.threshold else 0.0
+        r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
+        r[at + BASE] = p0 + p1
         if p0 + p1 > 0.0:
             a, b = U(body[t]), U(body[t + LANES])
-            nx, ny, ma, mb = r[i + NX], r[i + NY], r[i + MA], r[i + MB]
+            nx, ny, ma, mb = r[at + NX], r[at + NY], r[at + MA], r[at + MB]
             v.vx[a] -= ma * nx * (p0 + p1)
             v.vy[a] -= ma * ny * (p0 + p1)
-            v.w[a] -= ii / im * ma * (r[i + AN0] * p0 + r[i + AN1] * p1)
+            v.w[a] -= ii / im * ma * (r[at + AN0] * p0 + r[at + AN1] * p1)
             v.vx[b] += mb * nx * (p0 + p1)
             v.vy[b] += mb * ny * (p0 + p1)
-            v.w[b] += ii / im * mb * (r[i + BN0] * p0 + r[i + BN1] * p1)
+            v.w[b] += ii / im * mb * (r[at + BN0] * p0 + r[at + BN1] * p1)
             z.known[q] = 2
             z.now[size] = q
             size += 1

@@ -361,6 +361,7 @@ def _fit(arguments: argparse.Namespace) -> int:
         (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
     print(text, *([refusal] if refusal else []), "", sep="\n")
     print(f"written: {', '.join(map(str, files))}")
+    return 0
 
 
 def _bench(arguments: argparse.Namespace) -> int:
