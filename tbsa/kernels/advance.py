@@ -3,10 +3,13 @@
 One step of length H, of second order in free flight:
 
     lists   near pairs (kept while nobody has moved too far)
-    forces  magnets and drive, at x + H/2 v: the middle of the step
     rows    which tiles may touch in this step              (contacts.py)
 
-and a number of substeps of length h in it:
+two halves of it (one part, where the number of substeps is odd), each of length P:
+
+    forces  magnets and drive, at x + P/2 v: the middle of the half
+
+and the substeps of a half, of length h:
 
     drift   x += h/2 v                                      to the middle of the substep
     damp    v *= exp(-h/2 c)
@@ -18,8 +21,8 @@ and a number of substeps of length h in it:
     drift   x += h/2 v
     project deep overlap out of the positions, if there is any
 
-A free tile goes as if the step were one substep, so that the forces, which change slowly, are
-found once a step; contacts converge better, and spinning tiles meet more exactly, in more and
+A free tile goes as if a half were one substep, so that the forces, which change slowly, are
+found twice a step; contacts converge better, and spinning tiles meet more exactly, in more and
 shorter substeps of a pass or two than in more passes.  The state at the end of a step, with the
 contact impulses, is all that the next one needs.
 """
@@ -262,7 +265,7 @@ def ways(n: int, width: float, h: float, v: Bodies, far: np.ndarray) -> None:
 def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                 work: Work) -> None:
-    """Forces and torques of magnets and drive at the middle of a step that begins at x, y."""
+    """Forces and torques of magnets and drive a time `half` after the tiles are at x, y."""
     v, fx, fy, torque, c, s = work.bodies, work.fx, work.fy, work.torque, work.c, work.s
     midx, midy, mid_angle, still = work.midx, work.midy, work.mid_angle, work.still
     vx, vy, w = v.vx, v.vy, v.w
@@ -298,6 +301,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     contacts = reach > 0.0 or k.wall != 0
+    parts = 2 if k.substeps % 2 == 0 else 1
     far, slack = work.far, 0.5 * (reach - 1.41422 * k.width)
     work.midx[:] = np.nan  # nothing is known yet
     rows.first[:] = 0
@@ -329,39 +333,42 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 m, known = found, True
                 colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
                 recall(rows, m, n, state.impulses)
-        find_forces((first + step + 0.5) * step_length, n, 0.5 * step_length, tiles, magnets,
-                    drive, drive_parameters, x, y, angle, work)
-        for _ in range(k.substeps):
-            drift(n, 0.5 * h, v, x, y, angle)
-            damp(n, slow, slow_spin, v)
-            if m > 0 or floor.law == EXACT:
-                turn(n, angle, c, s)
-            if m > 0:
-                place_rows(rows, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y, c, s, vx, vy, w)
-                struck = weigh(rows, h, ii / im, k.threshold)
-                note_overlap(rows, k.width, counts)
-                if struck > 0:
-                    counts.impacts[0] += struck
-                    impacts(rows, k, v, work.scratch, x, y, angle, c, s)
-            else:
-                counts.overlap[0] += 1
-            kick(k, work.fx, work.fy, work.torque, v)
-            if m > 0 or floor.law != 0:
-                before.vx[:], before.vy[:], before.w[:] = vx, vy, w
-                rows.seen[:] = -1
-                apply_impulses(rows, ii / im, v)
-                passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
-                counts.unconverged[0] += 1 if passes < 0 else 0
-                counts.passes[0] += passes if passes >= 0 else -1 - passes
+        for part in range(parts):
+            find_forces((first + step + (part + 0.5) / parts) * step_length, n,
+                        0.5 * step_length / parts, tiles, magnets, drive, drive_parameters, x, y,
+                        angle, work)
+            for _ in range(k.substeps // parts):
+                drift(n, 0.5 * h, v, x, y, angle)
+                damp(n, slow, slow_spin, v)
+                if m > 0 or floor.law == EXACT:
+                    turn(n, angle, c, s)
                 if m > 0:
-                    limit_work(rows, k, floor, im, ii, c, s, v, before, k.tolerance)
-                if floor.law != 0:
-                    drift_back(k, floor, before, im, ii, v, x, y, angle)
-            counts.rows[0] += m
-            damp(n, slow, slow_spin, v)
-            drift(n, 0.5 * h, v, x, y, angle)
-            if m > 0 and project(rows, k, ii / im, v, work.shift, x, y, angle):
-                counts.projections[0] += 1
+                    place_rows(rows, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y, c, s, vx,
+                               vy, w)
+                    struck = weigh(rows, h, ii / im, k.threshold)
+                    note_overlap(rows, k.width, counts)
+                    if struck > 0:
+                        counts.impacts[0] += struck
+                        impacts(rows, k, v, work.scratch, x, y, angle, c, s)
+                else:
+                    counts.overlap[0] += 1
+                kick(k, work.fx, work.fy, work.torque, v)
+                if m > 0 or floor.law != 0:
+                    before.vx[:], before.vy[:], before.w[:] = vx, vy, w
+                    rows.seen[:] = -1
+                    apply_impulses(rows, ii / im, v)
+                    passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
+                    counts.unconverged[0] += 1 if passes < 0 else 0
+                    counts.passes[0] += passes if passes >= 0 else -1 - passes
+                    if m > 0:
+                        limit_work(rows, k, floor, im, ii, c, s, v, before, k.tolerance)
+                    if floor.law != 0:
+                        drift_back(k, floor, before, im, ii, v, x, y, angle)
+                counts.rows[0] += m
+                damp(n, slow, slow_spin, v)
+                drift(n, 0.5 * h, v, x, y, angle)
+                if m > 0 and project(rows, k, ii / im, v, work.shift, x, y, angle):
+                    counts.projections[0] += 1
         done += 1
     if known:
         remember(rows, m, n, state.impulses)
