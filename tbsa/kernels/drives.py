@@ -7,8 +7,9 @@ Every engine, the paper's and a user's own, has the one signature `ENGINE`:
 ``t`` time in s; ``p`` the parameters (float64, 1-D); then, one entry a tile: position (m),
 angle (rad), velocity (m/s), spin (rad/s), ``family`` (a_i = omega_i: +1, -1 or 0),
 ``forward`` (rad, from the tile's +x to its forward edge).  The engine *adds* to ``fx``, ``fy``
-(N) and ``torque`` (N m); what it adds to held tiles has no effect.  It is called once a
-substep, with the state at the middle of the substep.  It is passed to the core as a
+(N) and ``torque`` (N m); what it adds to held tiles has no effect.  It is called twice a step
+(once, if the number of substeps is odd), with the places at the middle of either half and the
+velocities at its beginning.  It is passed to the core as a
 first-class function, so a new engine never recompiles the core.
 """
 

@@ -136,7 +136,7 @@ class Floor:
 class Solver:
     """Time step and tolerances."""
 
-    step: float = 1 / 480  # s: forces are found once a step
+    step: float = 1 / 480  # s: forces are found twice a step
     substeps: int = 4  # per step: contacts are solved once a substep
     tolerance: float = 3e-4  # m/s: a pass that changes no contact velocity by more ends the solve
     passes: int = 40  # at most, a substep
