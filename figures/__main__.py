@@ -23,7 +23,7 @@ def main(names: list[str]) -> int:
     code = 0
     for name in names or SCRIPTS:
         script = import_module(f"figures.{name}")
-        missing = [path for path in script.DATA if not Path(path).exists()]
+        missing = [path for path in script.DATA if not path.exists()]
         if missing:
             print(f"{name}: left out, needs {_shown(missing)}")
             code = 1 if names else 0

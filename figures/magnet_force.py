@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -9,7 +11,7 @@ from figures.style import BLUE, GREY, ORANGE, figure
 from theory.magnets import Law, force
 from theory.permanent import coaxial_cylinders
 
-DATA: tuple[str, ...] = ()
+DATA: tuple[Path, ...] = ()
 FITTED = Law()  # alpha = 0.18 N cm^2, beta = 0.64 cm
 PRINTED = Law(alpha=0.18, beta=0.64)  # the same numbers in N m^2 and m, as printed
 OURS = Law(cutoff=0.03, switch=0.1)  # as simulated: gone at one tile width

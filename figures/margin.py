@@ -24,7 +24,8 @@ from theory.magnets import Law
 from theory.stability import Loads, Margin, Numbers, margin, recorded, shaking, unicycle
 from theory.statics import Tiles
 
-DATA: tuple[str, ...] = ("runs/shaking-1", "runs/self_stabilizing-1")
+RUNS = Path(__file__).parents[1] / "runs"
+DATA: tuple[Path, ...] = (RUNS / "shaking-1", RUNS / "self_stabilizing-1")
 RECORDS = 40  # of a run, evenly in time; a margin of 300 tiles takes seconds
 TOP = 30.0  # margins beyond are drawn there, those without bound among them
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from figures.style import BLUE, GREY, ORANGE, figure
 
 RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
-DATA: tuple[str, ...] = (str(RESULTS / "peers.json"),)
+DATA: tuple[Path, ...] = (RESULTS / "peers.json",)
 SHOWN = {  # scene: title and unit of the error that is drawn
     "slide": ("sliding stop", "distance, relative"),
     "driven": ("driven tile, 20 s", "path, relative"),
@@ -25,9 +25,9 @@ ENGINES = {"tbsa": (BLUE, "o", "tbsa"), "box2d": (ORANGE, "s", "Box2D"),
            "pymunk": (GREY, "^", "Pymunk")}
 
 
-def newest(path: str) -> list[dict[str, Any]]:
+def newest(path: Path) -> list[dict[str, Any]]:
     """Rows of the newest version in a file of results."""
-    versions = json.loads(Path(path).read_text())
+    versions = json.loads(path.read_text())
     rows: list[dict[str, Any]] = versions[max(versions, key=lambda v: tuple(
         int(part) for part in v.split(".") if part.isdigit()))]
     return rows

@@ -26,13 +26,13 @@ def rows(factor):
 def test_the_newest_version_is_drawn(tmp_path):
     path = tmp_path / "peers.json"
     path.write_text(json.dumps({"0.10.0": rows(1.0), "0.9.0": rows(2.0), "0.1.0": rows(3.0)}))
-    assert pareto.newest(str(path)) == rows(1.0)
+    assert pareto.newest(path) == rows(1.0)
 
 
 def test_every_panel_shows_the_first_error_over_the_time_of_the_engine_alone(tmp_path, monkeypatch):
     path = tmp_path / "peers.json"
     path.write_text(json.dumps({"0.1.0": rows(1.0)}))
-    monkeypatch.setattr(pareto, "DATA", (str(path),))
+    monkeypatch.setattr(pareto, "DATA", (path,))
     axes = pareto.make().axes
     assert len(axes) == len(pareto.SHOWN)
     for ax in axes:

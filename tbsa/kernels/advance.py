@@ -73,7 +73,7 @@ from tbsa.kernels.solver import (
 )
 
 # Error words of `advance`.
-OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE = 0, 1, 2, 3
+OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST = 0, 1, 2, 3, 4
 
 
 class State(NamedTuple):
@@ -262,6 +262,16 @@ def ways(n: int, width: float, h: float, v: Bodies, far: np.ndarray) -> None:
 
 
 @inline
+def too_fast(n: int, most: float, v: Bodies) -> bool:
+    """Whether a tile is faster than this (m/s)."""
+    vx, vy = v.vx, v.vy
+    some = 0
+    for i in range(U(n)):
+        some += 1 if vx[i] * vx[i] + vy[i] * vy[i] > most * most else 0
+    return some > 0
+
+
+@inline
 def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                 work: Work) -> None:
@@ -309,6 +319,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     m, known = 0, False
     for step in range(steps):
         ways(n, k.width, step_length, v, far)
+        if too_fast(n, 0.5 * k.width / h, v):
+            error = TOO_FAST
+            break
         if reach > 0.0 and stale(work.pairs, n, x, y, vx, vy, far, 0.5 * step_length, slack):
             farthest = 0.0
             for i in range(n):

@@ -10,7 +10,8 @@ With M = diag(m, m, I) and s = start + trial, trial being the end without the im
 so that the mean twist (s + M^-1 p)/2 is minus a normal of the set at p, and friction does no
 work on it.  Limit sets, for bounds R = F_max h and Q = T_max h:
 
-- ``SEPARATE``: |(px, py)| <= R and |pt| <= Q, each of which stops or slides by itself;
+- ``SEPARATE``: |(px, py)| <= R and |pt| <= Q, each of which stops or slides by itself; the spin,
+  in one dimension, exactly (`interval`);
 - ``COUPLED``: the ellipsoid (px^2 + py^2)/R^2 + pt^2/Q^2 <= 1 (Howe and Cutkosky, "Practical
   force-motion models for sliding manipulation", Int. J. Robotics Research 15, 1996);
 - ``EXACT``: the set of a square under uniform pressure (Goyal, Ruina and Papadopoulos, "Planar
@@ -77,11 +78,19 @@ def disc(v0x: float, v0y: float, vx: float, vy: float, m: float, R: float) -> An
 
 @lane
 def interval(v0: float, v: float, m: float, R: float) -> Any:
-    """The law in one dimension; and whether the tile stops."""
-    halts = m * abs(v) <= R
-    s = v0 + v
-    slides = max(min(-m * s, R), -R)
-    return (-m * v if halts else slides), halts
+    """The law in one dimension, exactly, for other forces that are constant in the substep.
+
+    The tile slides to a stop, stays there if the other forces are within the bound, and otherwise
+    sets off the other way.  Returns the impulse, and whether the tile is at rest at the end.
+    """
+    way = 1.0 if (v0 > 0.0) | ((v0 == 0.0) & (v > 0.0)) else -1.0
+    start, other = m * abs(v0), way * m * (v - v0)  # impulses, along the way of the start
+    left = start + other - R
+    halts = (left <= 0.0) & (other >= -R)
+    time = start / max(R - other, 1e-300)  # share of the substep until it stops
+    back = (1.0 - time) * (other + R)
+    impulse = -way * R if left > 0.0 else way * back - m * v
+    return (-m * v if halts else impulse), halts
 
 
 @inline

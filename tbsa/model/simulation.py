@@ -194,7 +194,8 @@ class Simulation:
         Raises
         ------
         SimulationError
-            Where a position or velocity is no longer a finite number.
+            Where a position or velocity is no longer a finite number, or a tile would go
+            further than half its width in a substep.
         """
         left = steps
         while left > 0:
@@ -207,6 +208,12 @@ class Simulation:
             left -= done
             if error in (core.MORE_PAIRS, core.MORE_ROWS):
                 self._grow()
+            elif error == core.TOO_FAST:
+                speed = float(np.hypot(self.vx, self.vy).max())
+                raise SimulationError(
+                    f"a tile has {speed:.3g} m/s at t = {self.time} s and would go further than "
+                    f"half its width in a substep of {self.numbers.h:.3g} s; use shorter steps"
+                )
             elif error == core.NOT_FINITE:
                 raise SimulationError(
                     f"positions or velocities stopped being finite before t = {self.time} s; "
