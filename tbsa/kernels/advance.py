@@ -262,13 +262,13 @@ def ways(n: int, width: float, h: float, v: Bodies, far: np.ndarray) -> None:
 
 
 @inline
-def too_fast(n: int, most: float, v: Bodies) -> bool:
-    """Whether a tile is faster than this (m/s)."""
-    vx, vy = v.vx, v.vy
-    some = 0
-    for i in range(U(n)):
-        some += 1 if vx[i] * vx[i] + vy[i] * vy[i] > most * most else 0
-    return some > 0
+def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
+    """Whether a tile that may touch something in this step is faster than this (m/s)."""
+    vx, vy, start = v.vx, v.vy, rows.start
+    for i in range(n):
+        if vx[i] * vx[i] + vy[i] * vy[i] > most * most and start[i + 1] > start[i]:
+            return True
+    return False
 
 
 @inline
@@ -319,9 +319,6 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     m, known = 0, False
     for step in range(steps):
         ways(n, k.width, step_length, v, far)
-        if too_fast(n, 0.5 * k.width / h, v):
-            error = TOO_FAST
-            break
         if reach > 0.0 and stale(work.pairs, n, x, y, vx, vy, far, 0.5 * step_length, slack):
             farthest = 0.0
             for i in range(n):
@@ -346,6 +343,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 m, known = found, True
                 colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
                 recall(rows, m, n, state.impulses)
+            if m > 0 and too_fast(n, 0.5 * k.width / h, rows, v):
+                error = TOO_FAST
+                break
         for part in range(parts):
             find_forces((first + step + (part + 0.5) / parts) * step_length, n,
                         0.5 * step_length / parts, tiles, magnets, drive, drive_parameters, x, y,
