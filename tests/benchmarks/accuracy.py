@@ -27,7 +27,7 @@ import numpy as np
 
 import tbsa
 from tbsa.model.scene import Free, PlacedTile, Scene, TileType
-from tbsa.model.simulation import Simulation
+from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.work.metrics import size
 from tbsa.work.report import aligned
 from tests.benchmarks.invariants import Watch
@@ -79,7 +79,7 @@ def sweep(reference: Reference) -> list[Row]:
     """Errors and run times of one scene over steps and, at 1/480 s, tolerance and passes."""
     default = reference.scene.solver
     coarse = (1 / 30,) if reference.steps == STEPS else ()
-    cases = [(h, 4 if 4 * h <= 0.1 else 1, default.tolerance, default.passes)
+    cases = [(h, 4, default.tolerance, default.passes)
              for h in coarse + reference.steps]
     if reference.steps == STEPS:
         cases += [(TARGET, n, default.tolerance, default.passes) for n in (1, 16)]
@@ -91,7 +91,10 @@ def sweep(reference: Reference) -> list[Row]:
     for h, substeps, tolerance, passes in cases:
         scene = at_step(reference.scene, h, tolerance=tolerance, passes=passes)
         scene = replace(scene, solver=replace(scene.solver, step=h, substeps=substeps))
-        errors = reference.measure(Simulation, scene)
+        try:
+            errors = reference.measure(Simulation, scene)
+        except SimulationError:  # too coarse a step
+            continue
         alone, whole = clock(scene, reference.duration)
         rows.append({
             "scene": reference.name, "engine": "tbsa", "substep": h, "substeps": substeps,
