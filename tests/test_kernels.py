@@ -34,12 +34,12 @@ DEFAULT = {"substeps": 4, "tolerance": 3e-4, "passes": 2}  # the paper runs'
 # Pair lists.
 
 
-def listed(x, y, mobile, reach, skin, capacity=4096):
+def listed(x, y, mobile, reach, margin, capacity=4096):
     """The pairs in the kernel's order, and the number it reports."""
     n = len(x)
     pairs = empty_pairs(n, capacity)
     found = build_pairs(pairs, n, np.array(x, float), np.array(y, float),
-                        np.array(mobile, float), reach, skin)
+                        np.array(mobile, float), reach, np.broadcast_to(margin, n).copy())
     if found < 0 or found > capacity:
         return None, found, pairs
     return [(a, int(b)) for a in range(n)
@@ -61,14 +61,15 @@ PLACES = {
 @settings(deadline=None, max_examples=150)
 @given(st.sampled_from(sorted(PLACES)), st.integers(1, 60), st.integers(0, 2**32 - 1))
 def test_the_pair_list_is_every_near_pair_in_order(places, n, seed):
-    """Against the comparison of all pairs; pairs of held tiles are left out."""
+    """Against the comparison of all pairs; every tile has a margin, held pairs are left out."""
     rng = np.random.default_rng(seed)
     x, y = PLACES[places](rng, n)
     mobile = rng.random(n) < 0.7
-    found, number, pairs = listed(x, y, mobile, 0.05, 0.0125)
-    assert found == near_pairs(x, y, mobile, 0.0625)
+    margin = rng.choice([0.0, 0.005, 0.03], n)
+    found, number, pairs = listed(x, y, mobile, 0.05, margin)
+    assert found == near_pairs(x, y, mobile, 0.05, margin)
     assert number == len(found)
-    assert pairs.skin[0] == 0.0125
+    assert (pairs.margin == margin).all()
     assert (pairs.x == x).all()
 
 
@@ -76,8 +77,8 @@ def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():
     rng = np.random.default_rng(5)
     x, y = rng.uniform(0, 0.05, (2, 30))
     _, number, pairs = listed(x, y, np.ones(30), 0.05, 0.01, capacity=16)
-    assert number == len(near_pairs(x, y, np.ones(30), 0.06)) > 16
-    assert pairs.skin[0] == 0.0  # never built
+    assert number == len(near_pairs(x, y, np.ones(30), 0.05, np.full(30, 0.01))) > 16
+    assert (pairs.margin == -1.0).all()  # never built
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -146,7 +147,7 @@ def test_results_do_not_depend_on_when_the_pair_list_was_built():
     rarely, always = Simulation(crowd()), Simulation(crowd())
     rarely.advance(400)
     for _ in range(400):
-        always._work.pairs.skin[0] = 0.0
+        always._work.pairs.margin[:] = -1.0
         always.advance(1)
     assert always.counts.lists[0] == 400 > 2 * rarely.counts.lists[0]
     assert (state(rarely) == state(always)).all()
@@ -308,7 +309,7 @@ def test_a_changed_helper_takes_effect_although_kernels_are_cached(tmp_path):
     before = np.array(python(BOND, tmp_path, **environment))
     helper = tmp_path / "tbsa" / "kernels" / "magnets.py"
     text = helper.read_text()
-    changed = text.replace("return switch * law.alpha", "return 2.0 * switch * law.alpha")
+    changed = text.replace("f = strength[i] * switch(", "f = 2.0 * strength[i] * switch(")
     assert changed != text
     helper.write_text(changed)
     after = np.array(python(BOND, tmp_path, **environment))

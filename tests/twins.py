@@ -107,10 +107,11 @@ def manifold(a, angle_a, b, angle_b, width, margin):
     return normal, found
 
 
-def near_pairs(x, y, mobile, distance):
-    """Every pair (a, b), a < b, nearer than `distance`, of which at least one can move."""
+def near_pairs(x, y, mobile, reach, margin):
+    """Every pair (a, b), a < b, nearer than the reach and both margins, that is not held."""
     return [(a, b) for a, b in combinations(range(len(x)), 2)
-            if (mobile[a] or mobile[b]) and (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 < distance**2]
+            if (mobile[a] or mobile[b])
+            and math.hypot(x[b] - x[a], y[b] - y[a]) < reach + margin[a] + margin[b]]
 
 
 def all_magnet_forces(x, y, angle, glues, law, pair_force):

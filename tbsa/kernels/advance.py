@@ -59,7 +59,8 @@ from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
     add_magnet_forces,
-    find_magnet_pairs,
+    list_magnets,
+    magnets_stale,
 )
 from tbsa.kernels.neighbours import Pairs, build_pairs, stale
 from tbsa.kernels.solver import (
@@ -74,6 +75,11 @@ from tbsa.kernels.solver import (
 
 # Error words of `advance`.
 OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST = 0, 1, 2, 3, 4
+
+# How long lists last: steps that a tile can go on at its speed and some way more (widths) before
+# its pairs are found anew.  A longer list is older and has more on it that is out of reach.
+PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 16.0, 0.1, 0.5
+MAGNET_STEPS, MAGNET_ROOM = 4.0, 0.02
 
 
 class State(NamedTuple):
@@ -108,10 +114,10 @@ class Work(NamedTuple):
     c: np.ndarray  # cos and sin of the angles
     s: np.ndarray
     far: np.ndarray  # m, how far the corners may come in a step
+    margin: np.ndarray  # m, room of a new list
     midx: np.ndarray  # m, rad, where the tiles are at the middle of the step
     midy: np.ndarray
     mid_angle: np.ndarray
-    still: np.ndarray  # bool, there they were in the step before: their forces are known
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
@@ -123,6 +129,8 @@ class Counts(NamedTuple):
 
     substeps: np.ndarray  # int64[1]
     lists: np.ndarray  # pair lists built
+    magnet_lists: np.ndarray  # lists of magnet pairs built
+    magnet_pairs: np.ndarray  # magnet pairs whose force was found, summed over evaluations
     rows: np.ndarray  # manifolds solved, summed over substeps
     passes: np.ndarray  # solver passes
     unconverged: np.ndarray  # substeps that ended at the limit of passes
@@ -272,23 +280,57 @@ def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
 
 
 @inline
+def find_lists(n: int, width: float, reach: float, tiles: Tiles, law: MagnetLaw,
+               x: np.ndarray, y: np.ndarray, angle: np.ndarray, work: Work,
+               counts: Counts) -> int:
+    """Bring the lists up to date, if a tile may come too far in this step; an error word.
+
+    `work.far` is how far the tiles' corners may go.  A list has a margin for every tile, after
+    its speed, so that a single fast one does not make it long or short-lived for all.
+    """
+    far, margin, pairs, near = work.far, work.margin, work.pairs, work.magnets
+    known = 0.5 * NEAR * width
+    old = law.cutoff > 0.0 and magnets_stale(near, n, law.offset, x, y, angle, far)
+    if old:
+        for i in range(n):
+            margin[i] = MAGNET_ROOM * width + MAGNET_STEPS * (far[i] - known) + known
+    if stale(pairs, n, x, y, margin if old else far):
+        for i in range(n):
+            way = far[i] - known
+            way = max(min(PAIR_STEPS * way, PAIR_MOST * width), (MAGNET_STEPS + 2.0) * way)
+            margin[i] = PAIR_ROOM * width + known + way
+        found = build_pairs(pairs, n, x, y, tiles.mobile, reach, margin)
+        if found < 0:
+            return NOT_FINITE
+        if found > pairs.other.size:
+            return MORE_PAIRS
+        counts.lists[0] += 1
+    if old:
+        for i in range(n):
+            margin[i] = MAGNET_ROOM * width + MAGNET_STEPS * (far[i] - known) + known
+        turn(n, angle, work.c, work.s)
+        if list_magnets(law, pairs, n, tiles.glues, x, y, angle, work.c, work.s, margin,
+                        near) > near.p.size:
+            return MORE_PAIRS
+        counts.magnet_lists[0] += 1
+    return OK
+
+
+@inline
 def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                 work: Work) -> None:
     """Forces and torques of magnets and drive a time `half` after the tiles are at x, y."""
     v, fx, fy, torque, c, s = work.bodies, work.fx, work.fy, work.torque, work.c, work.s
-    midx, midy, mid_angle, still = work.midx, work.midy, work.mid_angle, work.still
+    midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
     vx, vy, w = v.vx, v.vy, v.w
-    for i in range(n):
-        px, py, q = x[i] + half * vx[i], y[i] + half * vy[i], angle[i] + half * w[i]
-        still[i] = (px == midx[i]) & (py == midy[i]) & (q == mid_angle[i])
-        midx[i], midy[i], mid_angle[i] = px, py, q
+    for i in range(U(n)):
+        midx[i], midy[i] = x[i] + half * vx[i], y[i] + half * vy[i]
+        mid_angle[i] = angle[i] + half * w[i]
         fx[i] = fy[i] = torque[i] = 0.0
     if law.cutoff > 0.0:
         turn(n, mid_angle, c, s)
-        near = find_magnet_pairs(law, work.pairs, n, midx, midy, c, s, still, work.magnets)
-        add_magnet_forces(law, work.pairs, n, work.magnets, near, tiles.glues, midx, midy, still,
-                          fx, fy, torque)
+        add_magnet_forces(law, n, work.magnets, midx, midy, c, s, fx, fy, torque)
     drive(t, parameters, midx[:n], midy[:n], mid_angle[:n], vx[:n], vy[:n], w[:n], tiles.family,
           tiles.forward, fx[:n], fy[:n], torque[:n])
 
@@ -296,7 +338,7 @@ def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, dri
 @kernel
 def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
             drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
-            first: int, steps: int, reach: float, skin: float) -> tuple[int, int]:
+            first: int, steps: int, reach: float) -> tuple[int, int]:
     """Advance by `steps` steps, the first of which is number `first` of the run.
 
     Returns the error word and the steps done; on MORE_PAIRS and MORE_ROWS the state is that
@@ -312,24 +354,17 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     contacts = reach > 0.0 or k.wall != 0
     parts = 2 if k.substeps % 2 == 0 else 1
-    far, slack = work.far, 0.5 * (reach - 1.41422 * k.width)
-    work.midx[:] = np.nan  # nothing is known yet
+    far = work.far
+    work.magnets.margin[:] = -1.0  # nothing is known yet
     rows.first[:] = 0
     error, done = OK, 0
     m, known = 0, False
     for step in range(steps):
         ways(n, k.width, step_length, v, far)
-        if reach > 0.0 and stale(work.pairs, n, x, y, vx, vy, far, 0.5 * step_length, slack):
-            farthest = 0.0
-            for i in range(n):
-                farthest = max(farthest, far[i])
-            found = build_pairs(work.pairs, n, x, y, tiles.mobile, reach,
-                                max(skin, 3.0 * farthest))
-            counts.lists[0] += 1
-            if found < 0 or found > work.pairs.other.size:
-                error = NOT_FINITE if found < 0 else MORE_PAIRS
+        if reach > 0.0:
+            error = find_lists(n, k.width, reach, tiles, magnets, x, y, angle, work, counts)
+            if error != OK:
                 break
-            work.midx[:] = np.nan  # forces are kept by the place of a pair on the list
         if contacts:
             turn(n, angle, c, s)
             found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y,
@@ -350,6 +385,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             find_forces((first + step + (part + 0.5) / parts) * step_length, n,
                         0.5 * step_length / parts, tiles, magnets, drive, drive_parameters, x, y,
                         angle, work)
+            counts.magnet_pairs[0] += work.magnets.size[0]
             for _ in range(k.substeps // parts):
                 drift(n, 0.5 * h, v, x, y, angle)
                 damp(n, slow, slow_spin, v)

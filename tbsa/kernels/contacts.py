@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.geometry import circle_corner, square_square
+from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
 from tbsa.kernels.jit import U, columns, inline, lane
 from tbsa.kernels.neighbours import Pairs
 
@@ -287,12 +287,12 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
     lone = 0
     for i in range(LANES):
         vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
-        margin = SPARE * width + h * (
-            math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
-            + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
-        count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt = square_square(
+        way = h * (math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
+                   + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
+        count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss = square_square(
             r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
-            r[o + KTT + i], width, margin)
+            r[o + KTT + i], width, SPARE * width + way)
+        r[o + HIT + i] = 1.0 if (miss > 0.0) & (miss < way) else 0.0
         count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
         id1 = -1.0 if count < 1.5 else id1
         was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
@@ -311,6 +311,56 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
         r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = p0, p1, pt
         lone += 1 if count == 1.0 else 0
     rows.single[block] = lone
+
+
+@inline
+def passing(rows: Rows, block: int) -> int:
+    """Rows of a block whose tiles pass each other, but may meet within the substep."""
+    r = rows.field
+    o = U(block) * BLOCK
+    some = 0
+    for i in range(LANES):  # a loop of its own, or that of `place_pairs` would not vectorise
+        some += 1 if r[o + HIT + i] != 0.0 else 0
+    return some
+
+
+@inline
+def foresee(rows: Rows, block: int, width: float, h: float) -> None:
+    """Corners that now pass each other, at the sides of a face, but will meet within h.
+
+    Where both tiles are in h/4, h/2, ... tells; the row gets the first manifold that overlaps,
+    its arms led back to the tiles' present centres and its gaps to the present time.
+    """
+    r = rows.field
+    o = U(block) * BLOCK
+    for i in range(LANES):
+        k = o + i
+        if r[k + HIT] == 0.0:
+            continue
+        for quarter in range(1, 5):
+            t = 0.25 * quarter * h
+            ux, uy, wa, wb = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY], r[k + AW], r[k + BW]
+            ca, sa = cos_sin(t * wa)
+            cb, sb = cos_sin(t * wb)
+            count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, _ = square_square(
+                r[k + I00] + t * ux, r[k + I11] + t * uy,
+                ca * r[k + K00] - sa * r[k + K01], sa * r[k + K00] + ca * r[k + K01],
+                cb * r[k + K11] - sb * r[k + KTT], sb * r[k + K11] + cb * r[k + KTT],
+                width, SPARE * width)
+            if count == 0.0 or min(gap0, gap1) > 0.0:
+                continue
+            ax, ay, bx, by = t * r[k + AX], t * r[k + AY], t * r[k + BX], t * r[k + BY]
+            across_a, across_b = ax * ny - ay * nx, bx * ny - by * nx
+            an0, an1, bn0, bn1 = an0 + across_a, an1 + across_a, bn0 + across_b, bn1 + across_b
+            along = nx * ux + ny * uy
+            r[k + COUNT], r[k + NX], r[k + NY] = count, nx, ny
+            r[k + ID0], r[k + GAP0] = id0, gap0 - t * (along + bn0 * wb - an0 * wa)
+            r[k + ID1], r[k + GAP1] = id1 if count == 2.0 else -1.0, gap1 - t * (
+                along + bn1 * wb - an1 * wa)
+            r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1] = an0, bn0, an1, bn1
+            r[k + AT], r[k + BT] = at + ax * nx + ay * ny, bt + bx * nx + by * ny
+            rows.single[block] += 1 if count == 1.0 else 0
+            break
 
 
 @inline
@@ -352,6 +402,9 @@ def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: fl
         look(rows, block, x, y, c, s, vx, vy, w)
     for block in range(walls):
         place_pairs(rows, block, width, h)
+    for block in range(walls):
+        if passing(rows, block) > 0:
+            foresee(rows, block, width, h)
     for block in range(walls, rows.first[COLOURS]):
         place_walls(rows, block, n, width, h, wall, wall_x, wall_y, x, y, c, s, vx, vy, w)
 

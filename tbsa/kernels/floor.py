@@ -88,8 +88,7 @@ def interval(v0: float, v: float, m: float, R: float) -> Any:
     left = start + other - R
     halts = (left <= 0.0) & (other >= -R)
     time = start / max(R - other, 1e-300)  # share of the substep until it stops
-    back = (1.0 - time) * (other + R)
-    impulse = -way * R if left > 0.0 else way * back - m * v
+    impulse = -way * R if left > 0.0 else way * R * (1.0 - 2.0 * time)  # there, and back
     return (-m * v if halts else impulse), halts
 
 

@@ -26,10 +26,12 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     The reference face is the one of the four with the largest separation (the half extent of
     either square along the other's normal is w/2 (|cos| + |sin|) of the relative angle); the
     facing edge of the other square is clipped to it.  Returns ``(count, n_x, n_y, id0, gap0,
-    an0, bn0, id1, gap1, an1, bn1, at, bt)``: count 0, 1 or 2; gaps in m; ``an``, ``bn`` = r x n
-    and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to both points,
-    which lie on one line along the face).  The id names a's edge, b's edge and the end of their
-    overlap, whichever square is the reference, so that an impulse finds its point again.
+    an0, bn0, id1, gap1, an1, bn1, at, bt, miss)``: count 0, 1 or 2; gaps in m; ``an``, ``bn`` =
+    r x n and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to both
+    points, which lie on one line along the face); ``miss`` is how far along the face the squares
+    pass each other (m) where that is all that keeps them apart, else not positive.  The id names
+    a's edge, b's edge and the end of their overlap, whichever square is the reference, so that an
+    impulse finds its point again.
     Counts and ids are whole numbers kept as floats.
     """
     half = 0.5 * width
@@ -71,6 +73,8 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     count = 1.0 if far0 | far1 else 2.0
     apart = (max(on_a, on_b) > margin) | (y1 - y0 < BLUNT * width) | (far0 & far1)
     count = 0.0 if apart else count
+    passing = (max(on_a, on_b) <= margin) & (y1 - y0 < BLUNT * width)
+    miss = BLUNT * width - (y1 - y0) if passing else 0.0
     y0, gap0, id0 = (y1 if far0 else y0), (gap1 if far0 else gap0), (id1 if far0 else id0)
     gap1 = gap0 if far1 else gap1
     depth = half + 0.25 * (gap0 + gap1)  # midway between the face and the edge
@@ -78,7 +82,7 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     an1, bn1 = (-y1 if of_a else y1 - y), (y - y1 if of_a else y1)
     at, bt = (depth if of_a else x - depth), (depth - x if of_a else -depth)
     nx, ny = (nx if of_a else -nx), (ny if of_a else -ny)
-    return count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt
+    return count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss
 
 
 @lane

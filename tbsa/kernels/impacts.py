@@ -59,7 +59,9 @@ from tbsa.kernels.contacts import (
     E,
     Rows,
     corner_arm,
+    foresee,
     look,
+    passing,
     place_pairs,
     place_walls,
     wall_gap,
@@ -74,6 +76,8 @@ from tbsa.kernels.solver import Bodies, Numbers, solve_mixed
 TOUCHING = 1e-3
 # Two points of a manifold whose gaps differ by less hit together.
 FLUSH = 1e-6
+# How a point that is about to hit meets the other body.
+TOGETHER, ALONE, LATER = 0, 1, 2
 
 
 class Scratch(NamedTuple):
@@ -117,9 +121,9 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
             y: np.ndarray, angle: np.ndarray) -> Any:
     """When and where the point of a row that hits closes its gap, both bodies flying on.
 
-    Newton's method for the gap as a function of time.  Returns ``(found, time, n_x, n_y, an, bn,
-    at, bt)``, time in s from now; not found where two points close at once, or where the gap
-    does not close within a substep after all.
+    Newton's method for the gap as a function of time.  Returns ``(how, time, n_x, n_y, an, bn,
+    at, bt)``, time in s from now; how: TOGETHER with another point, ALONE, or LATER than in this
+    substep, if at all.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
@@ -143,29 +147,29 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
             cb, sb = cos_sin(angle[b] + time * w[b])
             dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
             # Both points, then the nearer one alone.
-            count, _, _, _, gap0, _, _, _, gap1, _, _, _, _ = square_square(
+            count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _ = square_square(
                 dx, dy, ca, sa, cb, sb, k.width, k.width)
             if count != 1.0 and abs(gap1 - gap0) < FLUSH * k.width:
-                return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            count, nx, ny, _, gap, an, bn, _, _, _, _, at, bt = square_square(
+                return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            count, nx, ny, _, gap, an, bn, _, _, _, _, at, bt, _ = square_square(
                 dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap0 + gap1))
             if count != 1.0:
-                return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
         if vn >= 0.0:
-            return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            return LATER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         step = gap / -vn
         if abs(step) <= 1e-12 * k.h or (time == 0.0 and step <= 0.0):
-            return True, time, nx, ny, an, bn, at, bt
+            return ALONE if time <= k.h else LATER, time, nx, ny, an, bn, at, bt
         time = min(max(time + step, 0.0), 2.0 * k.h)
-    return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @inline
 def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: float,
                 v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
                 s: np.ndarray) -> bool:
-    """Routh's impact at the one point of a row that hits; False where a second point would too.
+    """Routh's impact at the one point of a row that hits; False where others hit with it.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
     the velocities that they then have: what they do after the impact is exact, and no momentum
@@ -175,9 +179,12 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
     if r[i + HIT] == 3.0:
         return False
-    found, time, nx, ny, an, bn, at, bt = meeting(rows, block, lane, k, v, x, y, angle)
-    if not found:
+    how, time, nx, ny, an, bn, at, bt = meeting(rows, block, lane, k, v, x, y, angle)
+    if how == TOGETHER:
         return False
+    if how == LATER:
+        r[i + HIT] = 0.0
+        return True
     a, b = U(body[t]), U(body[t + LANES])
     vx, vy, w = v.vx, v.vy, v.w
     ma, mb = v.mobile[a], v.mobile[b]
@@ -224,6 +231,8 @@ def place_again(rows: Rows, block: int, k: Numbers, per_mass: float, v: Bodies, 
     if block < rows.first[PAIR_COLOURS]:
         look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
         place_pairs(rows, block, k.width, k.h)
+        if passing(rows, block) > 0:
+            foresee(rows, block, k.width, k.h)
     else:
         place_walls(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx,
                     v.vy, v.w)

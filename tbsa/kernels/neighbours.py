@@ -10,7 +10,7 @@ from tbsa.kernels.jit import U, inline, kernel
 
 
 class Pairs(NamedTuple):
-    """Pairs (a < b) nearer than reach + skin, in the order of a, then b.
+    """Pairs (a < b) nearer than reach + margin of a + margin of b, in the order of a, then b.
 
     The pairs of tile a are ``other[start[a]:start[a + 1]]``.  The order depends on the tile
     numbers alone, and a pair beyond the reach contributes nothing, so results do not depend
@@ -21,58 +21,49 @@ class Pairs(NamedTuple):
     other: np.ndarray  # int64[capacity]
     x: np.ndarray  # float64[n], where the tiles were
     y: np.ndarray
-    skin: np.ndarray  # float64[1], m; 0: never built
+    margin: np.ndarray  # float64[n], m, how far each may go from there; -1: never built
 
 
 def empty_pairs(n: int, capacity: int) -> Pairs:
     """Space for the pairs of `n` tiles."""
     return Pairs(
         np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), np.zeros(n), np.zeros(n),
-        np.zeros(1),
+        np.full(n, -1.0),
     )
 
 
 @inline
-def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray,
-          far: np.ndarray, half: float, slack: float) -> bool:
-    """Whether a pair may be needed in this step that is not on the list.
-
-    Needed are pairs within the reach at the middle of the step, a time `half` from now, and
-    pairs of which the tiles' corners may meet when each goes as `far` as this; the reach is by
-    twice the `slack` more than two corners need that do not move.
-    """
-    limit = 0.5 * pairs.skin[0]
-    if limit == 0.0:
-        return True
-    px, py = pairs.x, pairs.y
+def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -> bool:
+    """Whether a tile that goes as `far` as this from here (m) may come to where it has pairs
+    that are not on the list."""
+    px, py, margin = pairs.x, pairs.y, pairs.margin
     some = 0
     for i in range(U(n)):
         dx, dy = x[i] - px[i], y[i] - py[i]
-        mx, my = dx + half * vx[i], dy + half * vy[i]
-        some += 1 if not mx * mx + my * my <= limit * limit else 0  # also: not a number
-        room = limit + slack - far[i]
-        some += 1 if not ((room >= 0.0) & (dx * dx + dy * dy <= room * room)) else 0
+        room = margin[i] - far[i]  # comparisons so that what is not a number is stale
+        some += 0 if (room >= 0.0) & (dx * dx + dy * dy <= room * room) else 1
     return some > 0
 
 
 @kernel
 def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
-                reach: float, skin: float) -> int:
-    """List every pair nearer than reach + skin with at least one mobile tile.
+                reach: float, margin: np.ndarray) -> int:
+    """List every pair nearer than the reach and both margins with at least one mobile tile.
 
     Returns the number of pairs found; where that exceeds the capacity the list is of no use and
     the caller grows it.  -1: a position is not finite.
     """
     start, other = pairs.start, pairs.other
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
+    widest = 0.0
     for i in range(n):
-        if not (np.isfinite(x[i]) and np.isfinite(y[i])):
+        widest = max(widest, margin[i])
+        if not (np.isfinite(x[i]) and np.isfinite(y[i]) and np.isfinite(margin[i])):
             return -1
         x0, x1, y0, y1 = min(x0, x[i]), max(x1, x[i]), min(y0, y[i]), max(y1, y[i])
-    far = reach + skin
-    # Cells at least as wide as the distance; wider where tiles are scattered far apart, so
-    # that there are never more than a few cells a tile.
-    cell = max(far, max(x1 - x0, y1 - y0) / (2.0 * np.sqrt(n) + 2.0))
+    # Cells of half the distance that most tiles need; wider where tiles are scattered far apart,
+    # so that there are never more than a few cells a tile.
+    cell = max(0.5 * reach, max(x1 - x0, y1 - y0) / (2.0 * np.sqrt(n) + 2.0))
     nx, ny = int((x1 - x0) / cell) + 1, int((y1 - y0) / cell) + 1
     first = np.zeros(nx * ny + 1, np.int64)
     at = np.empty(n, np.int64)
@@ -90,15 +81,18 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
     found, room = 0, other.size
     for a in range(n):
         start[a] = found
-        column, row, xa, ya, held = at[a] % nx, at[a] // nx, x[a], y[a], mobile[a] == 0.0
-        for r in range(max(row - 1, 0), min(row + 2, ny)):
-            for k in range(first[max(column - 1, 0) + nx * r],
-                           first[min(column + 1, nx - 1) + nx * r + 1]):
+        xa, ya, held, far = x[a], y[a], mobile[a] == 0.0, reach + margin[a]
+        left = int(max(xa - x0 - far - widest, 0.0) / cell)
+        right = int(min((xa - x0 + far + widest) / cell, nx - 1.0))
+        for r in range(int(max(ya - y0 - far - widest, 0.0) / cell),
+                       int(min((ya - y0 + far + widest) / cell, ny - 1.0)) + 1):
+            for k in range(first[left + nx * r], first[right + nx * r + 1]):
                 t = U(inside[k])
                 dx, dy = x[t] - xa, y[t] - ya
                 # Written in any case and kept by moving on, as no branch can be foreseen.
                 other[U(min(found, room - 1))] = inside[k]
-                found += ((inside[k] > a) & (dx * dx + dy * dy < far * far)
+                room_ab = far + margin[t]
+                found += ((inside[k] > a) & (dx * dx + dy * dy < room_ab * room_ab)
                           & (not (held & (mobile[t] == 0.0))))
         for k in range(start[a] + 1, min(found, room)):  # in order
             b, j = other[k], k
@@ -108,9 +102,9 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
             other[j] = b
     start[n] = found
     if found > other.size:
-        pairs.skin[0] = 0.0
+        pairs.margin[:] = -1.0
         return found
-    pairs.skin[0] = skin
+    pairs.margin[:] = margin[:n]
     pairs.x[:] = x[:n]
     pairs.y[:] = y[:n]
     return found

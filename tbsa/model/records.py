@@ -40,7 +40,7 @@ FIELDS = ("x", "y", "angle", "vx", "vy", "omega")
 # Wall time between looks at progress and Ctrl-C (s).
 GLANCE = 0.25
 # Counters of what a process has done, not of the run: they differ where a run was broken off.
-OF_PROCESS = ("lists",)
+OF_PROCESS = ("lists", "magnet_lists", "magnet_pairs")
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class Simulation:
         self.steps = 0
         self.h = scene.solver.step
         ground = np.zeros(1)
-        capacity = 16 * n + 16
+        capacity = 8 * n + 16
         free = np.where(layout.held, 0.0, 1.0)
         x, y, angle, vx, vy, omega = (
             np.concatenate([np.asarray(values, float), ground])
@@ -136,22 +136,20 @@ class Simulation:
             )))
         self.engine, self.parameters = _engine(scene)
         # A lone tile has no pairs, and then there is no list to keep.
-        reach = max(1.6 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
+        reach = max(1.41422 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
         self._reach = 1.001 * reach if n > 1 else 0.0
-        self._skin = 0.5 * body.width
         self.counts = core.empty_counts()
         self._work = self._space(capacity)
 
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
-        c, sin, far, midx, midy, mid_angle, fx, fy, torque = columns(n + 1, [float] * 9)
+        scratch = columns(n + 1, [float] * 10)
         rows = empty_rows(n, capacity + 8 * n + 64)
-        return core.Work(
+        return core.Work._make([
             empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
-            empty_scratch(n, rows.seen.size), c, sin, far, midx, midy, mid_angle,
-            np.zeros(n, bool), fx, fy, torque,
+            empty_scratch(n, rows.seen.size), *scratch,
             empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
-        )
+        ])
 
     @property
     def time(self) -> float:
@@ -202,7 +200,6 @@ class Simulation:
             error, done = core.advance(
                 self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
                 self.parameters, self._work, self.counts, self.steps, left, self._reach,
-                self._skin,
             )
             self.steps += done
             left -= done
@@ -238,10 +235,14 @@ class Simulation:
         fx, fy, torque = np.zeros(n), np.zeros(n), np.zeros(n)
         if self.magnets.cutoff > 0.0 and n > 1:
             while build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
-                              self._skin) > self._work.pairs.other.size:
+                              np.zeros(n)) > self._work.pairs.other.size:
                 self._grow()
-            magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
-                          self.angle, self._work.magnets, fx, fy, torque)
+            while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
+                                self.angle, self._work.magnets, fx, fy,
+                                torque) > self._work.magnets.p.size:
+                self._grow()
+                build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
+                            np.zeros(n))
         return fx, fy, torque
 
     def contact_forces(self) -> dict[str, NDArray[Any]]:
