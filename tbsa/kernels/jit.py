@@ -34,8 +34,9 @@ U = np.uintp
 config: Any = numba.config
 njit: Any = numba.njit  # its stubs know fewer options than it has
 
-# All that is compiled for a run and kept on disk, by name: kernels, and the drives in use.
-KERNELS: dict[str, Any] = {}
+# All that is kept on disk, by name, kernels and the drives in use: whether it was there when it
+# was first needed; None before.
+KERNELS: dict[str, bool | None] = {}
 
 
 def source_hash(folder: Path = Path(__file__).parent) -> str:
@@ -101,11 +102,13 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is kept for a signature, or None."""
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except Exception:  # a damaged file raises whatever its bytes happen to mean
+            found = None
             with contextlib.suppress(OSError):
                 self.flush()
-            return None
+        KERNELS[self._py_func.__name__] = found is not None
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled for a signature."""
@@ -120,8 +123,8 @@ def _folder() -> str | None:
 
 
 def _cached(compiled: Any, function: Callable[..., Any]) -> Any:
-    """Keep what a dispatcher or callback compiles on disk, and know of it."""
-    KERNELS[function.__name__] = compiled
+    """Have what a dispatcher or callback compiles kept on disk."""
+    KERNELS[function.__name__] = None
     if _folder() is not None:
         before, config.CACHE_DIR = config.CACHE_DIR, _folder()
         try:
