@@ -2,84 +2,196 @@
 
 Numba's disk cache looks at the file of the function that is called, not at the helpers it
 calls from other files; an edited helper would silently not take effect.  The cache folder is
-therefore named by a hash over all kernel sources, and over Numba's own version.
+therefore named by a hash over all kernel sources, over Numba's own version, and over the
+processor, so that a kernel has one entry in it, whichever computers share it.
 """
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import hashlib
 import os
+import pickle
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 import numpy as np
+from numba.core import sigutils
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.ccallback import CFunc
+from numba.core.registry import CPUDispatcher
 
 # An index that came out of an array: unsigned, or Numba would look at every access whether it
 # is negative and counts from the end.
 U = np.uintp
 
+config: Any = numba.config
+njit: Any = numba.njit  # its stubs know fewer options than it has
+
+# All that is kept on disk, by name, kernels and the drives in use: whether it was there when it
+# was first needed; None before.
+KERNELS: dict[str, bool | None] = {}
+
 
 def source_hash(folder: Path = Path(__file__).parent) -> str:
-    """Hash of every kernel source in `folder` and of the versions that compile them."""
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:3]}".encode())
+    """Hash of every kernel source in `folder` and of what compiles them, and for what."""
+    cpu = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:3]} {cpu}".encode())
     for path in sorted(folder.glob("*.py")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def cache_folder() -> Path:
-    """The folder of the compiled kernels: below the user's cache folder, never the package's."""
+def cache_folder() -> Path | None:
+    """The folder of the compiled kernels; None where nothing can be written.
+
+    Below ``TBSA_CACHE_DIR`` or the user's cache folder, never in the package, which may be
+    installed read-only; where that cannot be written (a read-only home), a folder of the user's
+    own among the temporary files.
+    """
     base = os.environ.get("TBSA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    root = Path(base) if base else Path.home() / ".cache"
-    folder = root / "tbsa" / source_hash()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # a read-only home
-        folder = Path(tempfile.gettempdir()) / f"tbsa-{source_hash()}"
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    user = os.getuid() if hasattr(os, "getuid") else ""
+    name = source_hash()
+    for root in (Path(base) if base else Path("~/.cache").expanduser(),
+                 Path(tempfile.gettempdir()) / f"tbsa-{user}"):
+        folder = root / "tbsa" / name
+        try:
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+            # What is loaded from there is run: it must not be somebody else's.
+            if user == "" or folder.stat().st_uid in (user, 0):
+                return folder
+        except OSError:
+            continue
+    return None
 
 
-config: Any = numba.config
+class _Files(IndexDataCacheFile):
+    """Numba's files, with a checksum at their end: a flipped bit in machine code would be run."""
+
+    def _dump(self, obj: Any) -> bytes:
+        data: bytes = super()._dump(obj)
+        return data + hashlib.sha256(data).digest()
+
+    def _load_data(self, name: str) -> Any:
+        data = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(data[:-32]).digest() != data[-32:]:
+            raise ValueError(f"{name} is damaged")
+        return pickle.loads(data)
 
 
-class _InFolder:
-    """Sets Numba's cache folder while a kernel is being declared, and only then."""
+class _Cache(FunctionCache):
+    """Numba's disk cache, as a help that is never in the way.
 
-    folder: str | None = None
+    What cannot be read (damaged) is compiled and written anew; what cannot be written (a full
+    disk) is compiled again the next time.
+    """
 
-    def __enter__(self) -> None:
-        if _InFolder.folder is None:
-            _InFolder.folder = str(cache_folder())
-        self.before = config.CACHE_DIR
-        config.CACHE_DIR = _InFolder.folder
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file.__class__ = _Files
 
-    def __exit__(self, *exc: object) -> None:
-        config.CACHE_DIR = self.before
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is kept for a signature, or None."""
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception:  # a damaged file raises whatever its bytes happen to mean
+            found = None
+            with contextlib.suppress(OSError):
+                self.flush()
+        KERNELS[self._py_func.__name__] = found is not None
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled for a signature."""
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Jit a function that others call: cached on disk, runs without the GIL.
+@functools.cache
+def _folder() -> str | None:
+    found = cache_folder()
+    return str(found) if found else None
+
+
+def _cached(compiled: Any, function: Callable[..., Any]) -> Any:
+    """Have what a dispatcher or callback compiles kept on disk."""
+    KERNELS[function.__name__] = None
+    if _folder() is not None:
+        before, config.CACHE_DIR = config.CACHE_DIR, _folder()
+        try:
+            compiled._cache = _Cache(function)
+        finally:
+            config.CACHE_DIR = before
+    return compiled
+
+
+class _Part(CPUDispatcher):
+    """A function that other kernels call, without the wrapper that Python would need."""
+
+    def __call__(self, *args: Any) -> Any:
+        raise TypeError(f"{self.py_func.__name__} takes arrays and is part of other kernels: "
+                        "it can only be called by jitted functions")
+
+
+def _jit(function: Callable[..., Any], **options: Any) -> Any:
+    """Jit without the GIL and without the wrapper for C, which nobody calls.
 
     No fastmath: results keep to the bit across builds, and ``isnan`` tells the truth.
     """
-    with _InFolder():
-        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+
+
+def _part(function: Callable[..., Any], **options: Any) -> Any:
+    """Jit a function that is compiled into its callers.
+
+    Helpers of numbers can be called from Python, as tests do.  The wrapper of one that takes
+    arrays, many of them in tuples, would take as long to compile as the helper: there is none.
+    """
+    arguments = {kind for name, kind in function.__annotations__.items() if name != "return"}
+    if arguments <= {"int", "float", "bool"}:
+        return _jit(function, **options)
+    part = _jit(function, no_cpython_wrapper=True, **options)
+    if isinstance(part, CPUDispatcher):  # not with Numba switched off
+        part.__class__ = _Part
+    return part
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Jit a function that Python calls: cached on disk, runs without the GIL."""
+    return _cached(_jit(function), function)
 
 
 def inline(function: Callable[..., Any]) -> Any:
-    """Jit a scalar helper of other kernels; compiled into its callers."""
-    return numba.njit(nogil=True, error_model="numpy", inline="never")(function)
+    """Jit a helper of other kernels; compiled into its callers."""
+    return _part(function, inline="never")
 
 
 def lane(function: Callable[..., Any]) -> Any:
     """Jit a scalar helper of a loop over lanes, without branches: always part of its caller,
     so that the loop can become vector code."""
-    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    return _part(function, forceinline=True)
+
+
+def callback(signature: Any, function: Callable[..., Any]) -> Any:
+    """Compile `function` as a first-class function of one signature.
+
+    The package's own are cached on disk; a user's may call what no hash of ours sees change.
+    """
+    compiled = CFunc(function, sigutils.normalize_signature(signature), locals={},
+                     options={"error_model": "numpy"})
+    if Path(function.__code__.co_filename).parent == Path(__file__).parent:
+        _cached(compiled, function)
+    compiled.compile()
+    return compiled
 
 
 def columns(length: int, kinds: list[type]) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""The command ``tbsa``: run, campaign, metrics, draw, check, fit, bench.
+"""The command ``tbsa``: run, campaign, metrics, draw, check, fit, bench, warmup.
 
 Exit codes: 0 done; 1 a run could not go on (disk, a state that is not finite); 2 bad input,
 nothing written; 130 interrupted, saved.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import re
 import shlex
 import sys
@@ -59,6 +60,8 @@ def _parser() -> argparse.ArgumentParser:
                      help="the run's folder (default: runs/NAME-SEED)")
     run.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
+    run.add_argument("--report", action="store_true",
+                     help="end with a table of what was computed and what was left out")
     run.set_defaults(command=_run)
 
     campaign = commands.add_parser(
@@ -143,6 +146,10 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--horizon", type=float, default=0.25, metavar="S",
                        help="simulated seconds of a trial (default: 0.25)")
     bench.set_defaults(command=_bench)
+    warmup = commands.add_parser(
+        "warmup", help="compile what any scene needs",
+        description="Compile all kernels and built-in drives, so that no run has to wait for it.")
+    warmup.set_defaults(command=_warmup)
     return parser
 
 
@@ -167,6 +174,11 @@ def _run(arguments: argparse.Namespace) -> int:
               file=sys.stderr)
         return 130
     print(summary(scene, simulation, outcome.wall))
+    if arguments.report:
+        from tbsa.work.report import work
+
+        info = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        print("", work(info["counts"], scene, info["wall"]), "", sep="\n")
     print(f"run in {folder}")
     return 0
 
@@ -381,6 +393,30 @@ def _bench(arguments: argparse.Namespace) -> int:
 
         trials = bench(scene, horizon=arguments.horizon, after=arguments.after, progress=show)
     print(describe(trials, arguments.error))
+    return 0
+
+
+def _warmup(arguments: argparse.Namespace) -> int:
+    start = time.perf_counter()
+    from tbsa.kernels.jit import KERNELS, cache_folder
+    from tbsa.model.scene import SETS, Drive, Free, Magnet, PlacedTile, Scene
+    from tbsa.model.simulation import Simulation
+
+    tiles = PlacedTile("black", (0.0, 0.0)), PlacedTile("white", (0.03, 0.0))
+    for drive in (None, Drive("constant", (0.0, 0.0)), Drive("shaking", 0.1, 0.0, 1.0),
+                  Drive("unicycle", 0.1, 0.0, 1.0)):
+        simulation = Simulation(Scene(SETS["chessboard"], free=Free((), tiles), magnet=Magnet(),
+                                      drive=drive))
+        simulation.advance(1)
+    simulation.magnet_forces()
+    new = [name for name, there in KERNELS.items() if not there]
+    took, folder = time.perf_counter() - start, cache_folder()
+    if new:
+        print(f"compiled in {took:.1f} s: {', '.join(new)}")
+    if kept := [name for name in KERNELS if name not in new]:
+        print(f"there already: {', '.join(kept)}" + ("" if new else f"; loaded in {took:.1f} s"))
+    print(f"kept in {folder}" if folder else
+          "not kept: neither the cache folder nor that of temporary files can be written")
     return 0
 
 

@@ -1,9 +1,11 @@
-"""What a scene holds and what its tile set can do: the text of ``tbsa check``."""
+"""Reports as text: what a scene holds and what its tile set can do (``tbsa check``), and what a
+run has computed and left out (``tbsa run --report``)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,27 @@ from tbsa.model.simulation import floor_limits
 from tbsa.model.tiles import check, ground_truth
 
 ROWS = 40  # of the table of wrong tiles; the most dangerous come first
+
+# Counters of a run, see `tbsa.kernels.advance.Counts`: what each counts, and of what it is a share
+# or by what it is divided.  The first are of work done, the others of work left out.
+DONE = {
+    "substeps": ("substeps", ""),
+    "lists": ("lists of near pairs built", "a step"),
+    "rows": ("manifolds solved", "a substep"),
+    "passes": ("passes of the contact solver", "a substep"),
+    "solved": ("blocks of eight manifolds solved", "of blocks"),
+    "unconverged": ("substeps at the limit of passes", "of substeps"),
+    "impacts": ("points that hit", "a substep"),
+    "projections": ("substeps with deep overlap moved back", "of substeps"),
+    "magnet_pairs": ("magnet pairs with a force computed", "a step"),
+}
+LEFT_OUT = {
+    "asleep": ("tiles asleep, summed over substeps", "of tiles"),
+    "unsolved": ("blocks that had converged", "of blocks"),
+    "out_of_reach": ("magnet pairs looked at, out of reach", "of magnet_checks"),
+    "still_pairs": ("tile pairs that kept their magnet force", "a step"),
+}
+_SHOWN_WITH_OTHERS = {"tiles", "blocks", "magnet_checks", "overlap", "deepest"}
 
 
 def describe(scene: Scene) -> str:
@@ -61,6 +84,58 @@ def aligned(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
         ).rstrip()
         for line in cells
     ]
+
+
+def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
+    """What a run has computed, and what it has left out.
+
+    Parameters
+    ----------
+    counts
+        The counters of the run, as in its ``run.json``; those that are not there are passed over.
+    scene
+        Its scene.
+    wall : float
+        Wall time of the run (s).
+    """
+    known = {name: int(value) for name, value in counts.items() if np.ndim(value) == 0}
+    if "blocks" in known and "solved" in known:
+        known["unsolved"] = known["blocks"] - known["solved"]
+    if "magnet_checks" in known and "magnet_pairs" in known:
+        known["out_of_reach"] = known["magnet_checks"] - known["magnet_pairs"]
+    substeps = max(known.get("substeps", 0), 1)
+    by = {"a substep": substeps, "a step": substeps / scene.solver.substeps}
+
+    def row(name: str, what: str, per: str) -> tuple[str, int, str]:
+        number = known[name]
+        if name == "substeps":
+            return what, number, f"{1e6 * wall / substeps:.3g} us of wall time each"
+        if per in by:
+            return what, number, f"{number / by[per]:.3g} {per}"
+        total = known.get(per.removeprefix("of "), 0)
+        share = f"{100 * number / total:.3g} %" if total else ""
+        return what, number, f"{share} of {total}" if share and per != "of substeps" else share
+
+    rows = [row(name, *text) for name, text in DONE.items() if name in known]
+    if "overlap" in counts and "deepest" in counts:
+        deep = int(sum(counts["overlap"][2:]))
+        rows.append(("substeps with overlap beyond 0.1 %", deep,
+                     f"{100 * deep / substeps:.3g} %; deepest "
+                     f"{100 * counts['deepest'] / scene.material.width:.3g} % of the width"))
+    rows += [row(name, name, "a substep") for name in known
+             if name not in {*DONE, *LEFT_OUT, *_SHOWN_WITH_OTHERS}]
+    skipped = [row(name, *text) for name, text in LEFT_OUT.items() if name in known]
+    table = aligned(("work done", "count", ""), rows)
+    if skipped:
+        table += ["", *aligned(("left out", "count", ""), skipped)]
+    glues = any(any(kind.glues) for kind in scene.types)
+    missing = [name for name, there in (
+        ("magnets", scene.magnet is not None and glues), ("wall", scene.reactor is not None),
+        ("floor friction", any(floor_limits(scene))), ("drive", scene.drive is not None),
+    ) if not there]
+    if missing:
+        table += ["", f"not in the scene, not computed: {', '.join(missing)}"]
+    return "\n".join(table)
 
 
 def _tiles(scene: Scene, layout: Layout) -> list[str]:

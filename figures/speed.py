@@ -1,0 +1,86 @@
+"""Speed: cost over the number of tiles, and what the targets of speed have come to."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from figures.style import BLUE, GREY, ORANGE, figure
+
+RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
+SETTINGS = {"fixed": ("1/480 s, one pass", BLUE, "o"),
+            "recommended": ("as in the scene's file", ORANGE, "s")}
+ENGINES = {"box2d": "Box2D", "pymunk": "Pymunk"}
+
+
+def newest(folder: Path) -> Path:
+    """The results of the newest version in a folder."""
+    def version(path: Path) -> tuple[int, ...]:
+        return tuple(int(part) for part in path.stem.removeprefix("speed-").split(".")
+                     if part.isdigit())
+
+    return max(folder.glob("speed-*.json"), key=version, default=folder / "speed-VERSION.json")
+
+
+DATA: tuple[Path, ...] = (newest(RESULTS),)
+
+
+def make() -> Figure:
+    """Left: time per tile and substep; right: how many times as fast as the other engines."""
+    rows = json.loads(DATA[0].read_text())["rows"]
+    fig = figure(2.7, 7.1)
+    left, right = fig.subplots(1, 2, width_ratios=(1.0, 1.25))
+    cost(left, [row for row in rows if row["part"] == "sizes"])
+    speeds(right, rows)
+    for ax in (left, right):
+        ax.spines[["top", "right"]].set_visible(False)
+    return fig
+
+
+def cost(ax: Axes, rows: list[dict[str, Any]]) -> None:
+    """CPU time per tile and substep over the number of tiles."""
+    for name, (label, colour, marker) in SETTINGS.items():
+        for skips, style in (("on", "-"), ("off", "--")):
+            line = sorted((row["tiles"], 1e9 * row["median"]) for row in rows
+                          if row["setting"] == name and row["skips"] == skips)
+            if line:
+                ax.plot(*zip(*line, strict=True), style + marker, color=colour, markersize=3,
+                        label=label + (", skips off" if skips == "off" else ""))
+    ax.set_xscale("log")
+    sizes = sorted({row["tiles"] for row in rows})
+    ax.set_xticks(sizes, [f"{size:,}" for size in sizes], rotation=30)
+    ax.minorticks_off()
+    ax.set_ylim(0.0)
+    ax.set(xlabel="free tiles", ylabel="CPU time a tile and substep (ns)")
+    ax.legend(loc="best")
+
+
+def speeds(ax: Axes, rows: list[dict[str, Any]]) -> None:
+    """Simulated seconds per CPU second over those of another engine, for each scene."""
+    peers = {(row["scene"], row["engine"]): row["median"] for row in rows
+             if row["part"] == "peers"}
+    ours = {(row["scene"], row["skips"], row["setting"]): row["median"] for row in rows
+            if row["part"] == "paper"}
+    places = [(scene, skips, engine) for scene, engine in sorted(peers, key=lambda key: key[1])
+              for skips in ("on", "off") if any(key[:2] == (scene, skips) for key in ours)]
+    switched = any(skips == "off" for _, skips, _ in places)
+    for y, (scene, skips, engine) in enumerate(places):
+        for k, (name, (label, colour, _)) in enumerate(SETTINGS.items()):
+            if (scene, skips, name) not in ours:
+                continue
+            value = peers[scene, engine] / ours[scene, skips, name]
+            ax.barh(y + 0.19 * (2 * k - 1), value, 0.36, color=colour,
+                    label=label if y == 0 else None)
+            ax.annotate(f"{value:.2g}", (value, y + 0.19 * (2 * k - 1)), (2, 0),
+                        textcoords="offset points", va="center", fontsize=6.5)
+    ax.axvline(1.0, color=GREY, linewidth=0.8)
+    ax.set_yticks(range(len(places)), [
+        f"{scene}{f', skips {skips}' if switched else ''}\nagainst {ENGINES[engine]}"
+        for scene, skips, engine in places])
+    ax.invert_yaxis()
+    ax.margins(x=0.12)
+    ax.set(xlabel="times as fast (with magnets, theirs without)")

@@ -1,0 +1,328 @@
+"""From the command to the first step: what is imported, what is compiled, and where it is kept."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tbsa
+from tbsa.kernels import contacts, drives, geometry, jit
+from tbsa.work import cli
+from tbsa.work.report import DONE, LEFT_OUT, work
+
+PACKAGE = Path(tbsa.__file__).parent
+ROOT = Path(__file__).parents[1]
+# Forces of two tiles, and what the kernels' cache did: true where a kernel came from disk.
+BOND = """
+import json
+from tbsa.kernels import drives, jit
+from tbsa.model import simulation
+from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Scene
+tiles = (PlacedTile("black", (0.0, 0.0)), PlacedTile("white", (0.03, 0.0)))
+s = simulation.Simulation(Scene(types=SETS["chessboard"], free=Free((), tiles), magnet=Magnet()))
+forces = [list(part) for part in s.magnet_forces()]
+used = {name: there for name, there in jit.KERNELS.items() if there is not None}
+folder = jit.cache_folder()
+print(json.dumps({"forces": forces, "used": used, "folder": folder and str(folder)}))
+"""
+
+
+def start(code, folder=ROOT, **environment):
+    """A fresh Python at work on some code; what is None in the environment is taken out of it."""
+    whole = os.environ | {"PYTHONPATH": str(folder)} | environment
+    return subprocess.Popen([sys.executable, "-c", code], cwd=folder, text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                            env={k: v for k, v in whole.items() if v is not None})
+
+
+def end(process):
+    """What it prints as JSON."""
+    out, err = process.communicate(timeout=600)
+    assert process.returncode == 0, err[-3000:]
+    return json.loads(out)
+
+
+def python(code, folder=ROOT, **environment):
+    """What a fresh Python prints as JSON."""
+    return end(start(code, folder, **environment))
+
+
+def files(folder):
+    """Every file below a folder, with its bytes."""
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*"))
+            if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory):
+    """A cache folder with the kernels of the two tiles, and what they gave; not to be changed."""
+    folder = tmp_path_factory.mktemp("warm")
+    return folder, python(BOND, TBSA_CACHE_DIR=str(folder))
+
+
+# Imports.
+
+
+def test_a_run_imports_neither_pandas_nor_matplotlib(tmp_path):
+    (tmp_path / "scene.toml").write_text(
+        '[tiles]\nset = "chessboard"\n[[free.tile]]\ntype = "black"\nposition = [0, 0]\n'
+        "[run]\nduration = 1\n")
+    code = """
+import json, sys
+import tbsa.work.cli
+from tbsa.model import records
+scene = tbsa.load(sys.path[0] + "/scene.toml")
+tbsa.Simulation(scene)
+print(json.dumps(sorted(name for name in sys.modules if "." not in name or "scipy" in name)))
+"""
+    (tmp_path / "code.py").write_text(code)
+    loaded = json.loads(subprocess.run(
+        [sys.executable, "code.py"], cwd=tmp_path, text=True, capture_output=True, check=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)}).stdout)
+    assert "numba" in loaded
+    # Numba itself imports scipy.linalg where there is SciPy.
+    assert not {"pandas", "matplotlib", "tqdm", "theory", "scipy.spatial", "scipy.optimize",
+                "scipy.sparse"} & set(loaded)
+
+
+def test_every_public_name_is_there_and_known_to_type_checkers():
+    for name in tbsa.__all__:
+        assert getattr(tbsa, name) is not None
+    assert set(tbsa.__all__) <= set(dir(tbsa))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = tbsa.nothing
+    (block,) = [node for node in ast.parse((PACKAGE / "__init__.py").read_text()).body
+                if isinstance(node, ast.If)]
+    typed = {alias.asname: node.module for node in block.body
+             if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert typed == tbsa._HOME
+
+
+# The cache.
+
+
+def test_kernels_are_compiled_once(warm):
+    folder, first = warm
+    assert first["used"] == {"build_pairs": False, "magnet_forces": False, "no_drive": False}
+    again = python(BOND, TBSA_CACHE_DIR=str(folder))
+    assert again["used"] == dict.fromkeys(first["used"], True)
+    assert again["forces"] == first["forces"]
+    assert again["folder"].startswith(str(folder))
+
+
+def test_an_edited_helper_of_a_built_in_drive_takes_effect(tmp_path):
+    """As for kernels, in test_kernels.py: drives are cached, their helpers stand elsewhere."""
+    shutil.copytree(PACKAGE, tmp_path / "tbsa", ignore=shutil.ignore_patterns("__pycache__"))
+    code = """
+import json
+import numpy as np
+from numba import njit
+from tbsa.kernels import drives, jit
+from tbsa.model.simulation import _compiled
+@njit
+def call(f, p, zero, family, fx):
+    f(1.0, p, zero, zero, zero, zero, zero, zero, family, zero, fx, zero, zero)
+fx = np.zeros(1)
+call(_compiled(drives.unicycle), np.array([1.0, 0.0, 0.25]), np.zeros(1), np.ones(1), fx)
+print(json.dumps([fx[0], jit.KERNELS["unicycle"]]))
+"""
+    place = {"TBSA_CACHE_DIR": str(tmp_path / "cache")}
+    assert python(code, tmp_path, **place) == [1.0, False]
+    assert python(code, tmp_path, **place) == [1.0, True]
+    helper = tmp_path / "tbsa" / "kernels" / "geometry.py"
+    text = helper.read_text()
+    begin = text.index("def cos_sin")
+    cut = text.index("return ", begin)
+    helper.write_text(text[:cut] + "return 0.5, 0.0  # " + text[cut:])
+    assert python(code, tmp_path, **place) == [0.5, False]
+
+
+def test_a_read_only_installation(tmp_path, warm):
+    package = tmp_path / "site" / "tbsa"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    before = files(package)
+    for path in [package, *package.rglob("*")]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    try:
+        found = python(BOND, package.parent, TBSA_CACHE_DIR=str(tmp_path / "cache"),
+                       PYTHONDONTWRITEBYTECODE="1")
+        again = python(BOND, package.parent, TBSA_CACHE_DIR=str(tmp_path / "cache"),
+                       PYTHONDONTWRITEBYTECODE="1")
+    finally:
+        for path in [package, *(each for each in package.rglob("*") if each.is_dir())]:
+            path.chmod(0o755)
+    assert files(package) == before  # root could have written
+    assert found["forces"] == again["forces"] == warm[1]["forces"]
+    assert all(again["used"].values())
+
+
+def test_a_home_that_cannot_be_written(tmp_path, warm):
+    """Kernels are then kept among the temporary files, in a folder of the user's own."""
+    (tmp_path / "file").write_text("")  # below a file not even root can make a folder
+    (tmp_path / "tmp").mkdir()
+    places = {"HOME": str(tmp_path / "file" / "home"), "TMPDIR": str(tmp_path / "tmp"),
+              "TBSA_CACHE_DIR": None, "XDG_CACHE_HOME": None}
+    found = python(BOND, **places)
+    assert found["folder"].startswith(str(tmp_path / "tmp"))
+    assert found["forces"] == warm[1]["forces"]
+    assert not any(found["used"].values())
+    assert all(python(BOND, **places)["used"].values())
+    (mine,) = (tmp_path / "tmp").iterdir()
+    assert mine.stat().st_mode & 0o077 == 0
+
+
+def test_nowhere_to_keep_kernels(tmp_path, warm):
+    (tmp_path / "file").write_text("")
+    found = python(f"import tempfile\ntempfile.tempdir = {str(tmp_path / 'file')!r}\n{BOND}",
+                   TBSA_CACHE_DIR=str(tmp_path / "file"))
+    assert found == {"forces": warm[1]["forces"], "used": {}, "folder": None}
+
+
+def test_two_processes_that_start_cold_at_the_same_time(tmp_path, warm):
+    place = {"TBSA_CACHE_DIR": str(tmp_path)}
+    both = [start(BOND, **place) for _ in range(2)]
+    assert [end(process)["forces"] for process in both] == [warm[1]["forces"]] * 2
+    third = python(BOND, **place)
+    assert third["forces"] == warm[1]["forces"]
+    assert all(third["used"].values())
+    assert not [path for path in tmp_path.rglob("*") if ".tmp." in path.name]
+
+
+DAMAGE = {
+    "cut off": lambda data: data[: len(data) // 2],
+    "of length zero": lambda data: b"",
+    "zeroed": lambda data: bytes(len(data)),
+    "a flipped bit": lambda data: data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 4])
+    + data[len(data) // 2 + 1 :],
+    "text": lambda data: b"not a pickle at all",
+}
+
+
+@pytest.mark.parametrize(("kind", "damage"), [
+    *(("nbc", damage) for damage in DAMAGE), ("nbi", "cut off"), ("nbi", "a flipped bit")])
+def test_what_is_damaged_is_compiled_anew(tmp_path, warm, kind, damage):
+    shutil.copytree(warm[0], tmp_path, dirs_exist_ok=True)
+    damaged = list(tmp_path.rglob(f"drives.no_drive*.{kind}"))
+    assert len(damaged) == 1
+    whole = damaged[0].read_bytes()
+    damaged[0].write_bytes(DAMAGE[damage](whole))
+    found = python(BOND, TBSA_CACHE_DIR=str(tmp_path))
+    assert found["forces"] == warm[1]["forces"]
+    assert found["used"]["magnet_forces"]
+    if not found["used"]["no_drive"]:  # a bit of an index may not matter
+        again = python(BOND, TBSA_CACHE_DIR=str(tmp_path))
+        assert all(again["used"].values())
+    else:
+        assert (kind, damage) == ("nbi", "a flipped bit")
+
+
+def test_a_helper_of_arrays_cannot_be_called_from_python():
+    """It has no wrapper for that; without the check this would end the process."""
+    with pytest.raises(TypeError, match="remember takes arrays"):
+        contacts.remember(None, 0, 0, None)
+    assert geometry.cos_sin(0.0) == (1.0, 0.0)
+
+
+# tbsa warmup.
+
+
+def test_warmup_compiles_everything_and_says_so():
+    command = [sys.executable, "-m", "tbsa.work.cli", "warmup"]
+    outputs = [subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True,
+                              timeout=600).stdout for _ in range(2)]
+    folder = str(jit.cache_folder())
+    assert all(output.endswith(f"kept in {folder}\n") for output in outputs)
+    assert outputs[1].startswith("there already: ")
+    assert "; loaded in " in outputs[1]
+    named = set(outputs[1].splitlines()[0].partition(": ")[2].partition(";")[0].split(", "))
+    kernels = set()
+    for path in (PACKAGE / "kernels").glob("*.py"):
+        module = importlib.import_module(f"tbsa.kernels.{path.stem}")
+        kernels |= {name for name, value in vars(module).items()
+                    if isinstance(getattr(value, "_cache", None), jit._Cache)
+                    and value.py_func.__module__ == module.__name__}
+    engines = {name for name, value in vars(drives).items() if inspect.isfunction(value)
+               and list(inspect.signature(value).parameters)[-3:] == ["fx", "fy", "torque"]}
+    assert named == kernels | engines
+
+
+# tbsa run --report.
+
+SCENE = tbsa.parse('[tiles]\nset = "chessboard"\n[[free.tile]]\ntype = "black"\n'
+                   "position = [0, 0]\n[solver]\nstep = 0.01\nsubsteps = 4\n[run]\nduration = 1\n")
+
+
+def table(text):
+    """The rows of a report: {what: (count, share)}."""
+    rows = {}
+    for line in text.splitlines():
+        what, *rest = re.split(r" {2,}", line)
+        if rest:
+            rows[what] = rest
+    return rows
+
+
+def test_the_report_of_a_run_has_every_counter_that_is_there():
+    counts = {"substeps": 400, "lists": 5, "rows": 800, "passes": 600, "unconverged": 4,
+              "impacts": 40, "projections": 8, "overlap": [300, 60, 20, 16, 4], "deepest": 3e-4,
+              "tiles": 2000, "asleep": 1700, "blocks": 1000, "solved": 400,
+              "magnet_pairs": 300, "magnet_checks": 1200, "still_pairs": 50, "new_one": 200}
+    text = work(counts, SCENE, wall=0.02)
+    rows = table(text)
+    assert rows["substeps"] == ["400", "50 us of wall time each"]
+    assert rows["lists of near pairs built"] == ["5", "0.05 a step"]
+    assert rows["manifolds solved"] == ["800", "2 a substep"]
+    assert rows["substeps at the limit of passes"] == ["4", "1 %"]
+    assert rows["blocks of eight manifolds solved"] == ["400", "40 % of 1000"]
+    assert rows["blocks that had converged"] == ["600", "60 % of 1000"]
+    assert rows["tiles asleep, summed over substeps"] == ["1700", "85 % of 2000"]
+    assert rows["magnet pairs with a force computed"] == ["300", "3 a step"]
+    assert rows["magnet pairs looked at, out of reach"] == ["900", "75 % of 1200"]
+    assert rows["substeps with overlap beyond 0.1 %"] == ["40", "10 %; deepest 1 % of the width"]
+    assert rows["new_one"] == ["200", "0.5 a substep"]
+    assert text.endswith("not computed: magnets, wall, floor friction, drive")
+
+
+def test_the_report_of_a_run_passes_over_counters_that_are_not_there():
+    text = work({"substeps": 0, "rows": 0}, SCENE, wall=0.0)
+    assert set(table(text)) == {"work done", "substeps", "manifolds solved"}
+    assert "left out" not in text
+
+
+def test_every_counter_of_the_core_has_its_words():
+    from tbsa.kernels.advance import Counts
+    from tbsa.work.report import _SHOWN_WITH_OTHERS
+
+    assert set(Counts._fields) <= {*DONE, *LEFT_OUT, *_SHOWN_WITH_OTHERS}
+
+
+def test_run_with_a_report(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = ('[tiles]\nset = "chessboard"\n[magnet]\n[floor]\n'
+            '[[free.tile]]\ntype = "black"\nposition = [0, 0]\nvelocity = [0.2, 0]\n'
+            '[[free.tile]]\ntype = "white"\nposition = [0.04, 0]\n'
+            "[record]\ninterval = 0.1\n[run]\nduration = 0.2\n")
+    (tmp_path / "scene.toml").write_text(text)
+    assert cli.main(["run", "scene.toml", "--quiet"]) == 0
+    assert "work done" not in capsys.readouterr().out
+    assert cli.main(["run", "scene.toml", "--out", "out", "--quiet", "--report"]) == 0
+    out = capsys.readouterr().out
+    counts = json.loads((tmp_path / "out" / "run.json").read_text())["counts"]
+    rows = table(out)
+    assert rows["substeps"][0] == str(counts["substeps"])
+    assert rows["manifolds solved"][0] == str(counts["rows"])
+    assert counts["rows"] > 0
+    assert np.isclose(float(rows["manifolds solved"][1].split()[0]),
+                      counts["rows"] / counts["substeps"], rtol=1e-2)
+    assert "not computed: wall, drive" in out
