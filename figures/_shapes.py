@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon
+from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Affine2D
@@ -19,7 +19,7 @@ from matplotlib.transforms import Affine2D
 import tbsa
 from figures.style import COLUMN, figure
 from tbsa.model.scene import Scene, TileType
-from tbsa.work.draw import EDGE
+from tbsa.work.draw import BOND, EDGE
 from tbsa.work.metrics import CORNERS, EDGE_ANGLE
 from theory.magnets import Law
 
@@ -28,6 +28,7 @@ BLACK, WHITE = PAPER.types
 LABEL = 7.0  # pt
 MAGNET = "#aab4bd"
 FAINT = "#8c8c8c"  # lines that point and measure
+HELD = "#e2efe6"  # behind what is held
 Point = tuple[float, float]
 
 
@@ -103,7 +104,7 @@ def tile(ax: Axes, kind: TileType, x: float, y: float, angle: float = 0.0, *, pa
         ax.add_patch(Polygon(place.transform(np.asarray(shape)), closed=True, facecolor=colour,
                              edgecolor=edge, linewidth=lw, zorder=zorder))
 
-    fill(CORNERS, face, EDGE, 0.7)
+    fill(CORNERS, face, EDGE, min(0.7, 0.04 * unit))
     assert PAPER.magnet is not None
     inset = PAPER.magnet.inset / PAPER.material.width
     for glue, outward, edge in zip(kind.glues, EDGE_ANGLE, "NESW", strict=True):
@@ -119,11 +120,17 @@ def tile(ax: Axes, kind: TileType, x: float, y: float, angle: float = 0.0, *, pa
                     va="center_baseline", rotation=math.degrees(tilt), rotation_mode="anchor",
                     zorder=zorder + 0.2)
     if heading:
-        ahead = EDGE_ANGLE["NESW".index(kind.forward)]
-        triangle = np.array([[0.18, 0.0], [-0.12, 0.15], [-0.12, -0.15]])
-        fill(Affine2D().rotate(ahead).transform(triangle), outline)
+        towards(ax, (x, y), angle + EDGE_ANGLE["NESW".index(kind.forward)], outline, zorder=zorder)
     if seed:
-        ax.add_patch(Circle((x, y), 0.13, color=outline, linewidth=0, zorder=zorder))
+        ax.add_patch(Circle((x, y), 0.12, color=outline, linewidth=0, zorder=zorder))
+
+
+def towards(ax: Axes, at: Point, angle: float, colour: str, size: float = 0.15,
+            zorder: float = 3.0) -> None:
+    """A triangle that points along a heading (rad)."""
+    corners = size * np.array([[1.0, 0.0], [-0.67, 0.83], [-0.67, -0.83]])
+    ax.add_patch(Polygon(Affine2D().rotate(angle).translate(*at).transform(corners),
+                         facecolor=colour, linewidth=0, zorder=zorder))
 
 
 def signed(glue: int) -> str:
@@ -164,6 +171,40 @@ def note(ax: Axes, text: str, at: Point, to: Point | None = None, *, size: float
     return ax.annotate(text, at if to is None else to, at, fontsize=size, color=colour, ha=ha,
                        va=va, arrowprops=None if to is None else line, annotation_clip=False,
                        zorder=6.0, linespacing=1.15, **look)
+
+
+def bonds(ax: Axes, n: int) -> None:
+    """The bonds of an n x n block, its first tile at (0, 0), with the two sides of its seed."""
+    for k in range(n):
+        for at, size in (((-0.62, k - 0.05), (0.24, 0.1)), ((k - 0.05, -0.62), (0.1, 0.24))):
+            ax.add_patch(Rectangle(at, *size, facecolor=BOND, edgecolor="white", lw=0.6, zorder=3))
+
+
+def balance(ax: Axes, push: Any, glue: Any, inch: float, colour: str,
+            box: tuple[float, float, float, float]) -> None:
+    """Net tile force and net glue force (N) from one point, and their sum.
+
+    `inch` is the force that is drawn an inch long in axes whose unit is an inch; `box` is the
+    left, low, right and high end of the axes.  The third quadrant is shaded.
+    """
+    left, low, right, high = box
+    ax.add_patch(Rectangle((left, low), -left, -low, color=HELD, lw=0, zorder=0))
+    ax.plot((left, right), (0.0, 0.0), color=FAINT, lw=0.6, zorder=1)
+    ax.plot((0.0, 0.0), (low, high), color=FAINT, lw=0.6, zorder=1)
+    push, glue = np.asarray(push) / inch, np.asarray(glue) / inch
+    arrow(ax, (0, 0), glue, BOND, 1.8, 8.0)
+    if np.hypot(*push) < 1e-9:
+        note(ax, "$F_\mathrm{nt}$ = 0", (0.07, 0.1), size=8, colour=colour, ha="left")
+    else:
+        arrow(ax, (0, 0), push, colour, 1.8, 8.0)
+        arrow(ax, (0, 0), push + glue, "black", 1.8, 8.0)
+        upright = abs(push[1]) > abs(push[0])
+        note(ax, "$F_\mathrm{nt}$", tuple(push + ((0.13, 0.02) if upright else (0.02, 0.1))),
+             size=8, colour=colour)
+        note(ax, "sum", tuple((push + glue) * (1.0 + 0.13 / np.hypot(*(push + glue)))), size=8)
+    across = np.array([-glue[1], glue[0]]) / np.hypot(*glue)  # away from the sum
+    side = 0.13 if across @ push <= 0.0 else -0.13
+    note(ax, "$F_\mathrm{ng}$", tuple(0.6 * glue + side * across), size=8, colour=BOND)
 
 
 def extent(ax: Axes, a: Point, b: Point, text: str, at: Point, **look: Any) -> None:

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
-from figures._shapes import FAINT, PAPER, arrow, canvas, law, note, stage, tile
+from figures._shapes import HELD, PAPER, arrow, balance, bonds, canvas, law, note, stage, tile
 from figures.style import BLUE, ORANGE
 from tbsa.work.draw import BOND
 from theory.magnets import force
@@ -35,7 +34,6 @@ ARROW = 0.12  # N, of a tile's force as long as a tile is wide
 UNIT = 0.28  # in, a tile's width
 INCH = 1.3  # N, of a net force as long as an inch
 LARGEST = 8  # block of the diagram
-HELD = "#e2efe6"
 
 
 def net_tile_force(n: int) -> np.ndarray:
@@ -56,7 +54,10 @@ def make() -> Figure:
             for text, y, colour in ((f"$F$ = {LOAD:g} N", 2.4, ORANGE),
                                     (f"$F_\mathrm{{g}}$ = {GLUE:.3f} N", 1.95, BOND)):
                 note(top, text, (0.0, y), colour=colour)
-        _sum(stage(fig, (left, 2.1, width, 1.1), 1.0, (-(1.25 + 0.5 * n) * UNIT, -0.85)), n)
+        middle = (1.25 + 0.5 * n) * UNIT
+        balance(stage(fig, (left, 2.1, width, 1.1), 1.0, (-middle, -0.85)), net_tile_force(n),
+                net_glue_force(n, GLUE), INCH, ORANGE,
+                (-0.4 - 0.1 * n, -0.8, -0.1 + 0.3 * n, 0.15))
     _scaling(fig.add_axes((0.125, 0.085, 0.855, 0.31)))
     return fig
 
@@ -68,24 +69,7 @@ def _block(ax: Axes, n: int) -> None:
         tile(ax, PAPER.types[colour], *site, magnets=False, seed=bool(held))
         if not held:
             arrow(ax, site - 0.5 * push, push, ORANGE, 1.1, 6.0, halo=False)
-    for k in range(n):
-        for at, size in (((-0.62, k - 0.05), (0.24, 0.1)), ((k - 0.05, -0.62), (0.1, 0.24))):
-            ax.add_patch(Rectangle(at, *size, facecolor=BOND, edgecolor="white", lw=0.6, zorder=3))
-
-
-def _sum(ax: Axes, n: int) -> None:
-    low, left, right = -0.8, -0.6 - 0.1 * (n - 2), 0.5 + 0.3 * (n - 2)
-    ax.add_patch(Rectangle((left, low), -left, -low, color=HELD, lw=0, zorder=0))
-    for line in (((left, right), (0, 0)), ((0, 0), (low, 0.15))):
-        ax.plot(*line, color=FAINT, lw=0.6, zorder=1)
-    push, glue = net_tile_force(n) / INCH, net_glue_force(n, GLUE) / INCH
-    for way, colour, name, shift, ha in (
-            (push, ORANGE, "$F_\\mathrm{nt}$", (0.02, 0.1), "center"),
-            (glue, BOND, "$F_\\mathrm{ng}$", (-0.05, 0.1), "right"),
-            (push + glue, "black", "sum", (-0.05, -0.09), "center")):
-        arrow(ax, (0, 0), way, colour, 1.8, 8.0)
-        at = 0.55 * way if colour == BOND else way
-        note(ax, name, tuple(at + shift), size=8, colour=colour, ha=ha)
+    bonds(ax, n)
 
 
 def _scaling(ax: Axes) -> None:
@@ -100,7 +84,7 @@ def _scaling(ax: Axes) -> None:
     for letter, side in zip("ab", SIZES, strict=True):
         net = float(np.linalg.norm(net_tile_force(side)))
         ax.plot([side], [net], "s", color=ORANGE, markersize=3.5)
-        note(ax, letter, (side - 0.2, net + 0.13), weight="bold", size=8)
+        note(ax, letter, (side + 0.22, net - 0.04), weight="bold", size=8)
     ax.set(xlim=(0, LARGEST), ylim=(0, 2.0), xlabel="side $n_\\mathrm{s}$ of the block (tiles)",
            ylabel="net force along an axis (N)")
     ax.spines[["top", "right"]].set_visible(False)

@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
-from figures._shapes import PAPER, arrow, canvas, law, note, spin, stage, tile
+from figures._shapes import PAPER, arrow, balance, bonds, canvas, law, note, spin, stage, tile, towards
 from figures.style import BLUE
-from tbsa.work.draw import BOND
 from theory.magnets import force
 from theory.scaling import net_glue_force
-from theory.stability import case, net_force
+from theory.stability import Loads, case, imbalance_of_turns, net_force
+from theory.statics import Tiles
 
 DATA: tuple[Path, ...] = ()
 assert PAPER.drive is not None
@@ -27,28 +26,44 @@ LOAD, TORQUE = float(PAPER.drive.force), float(PAPER.drive.torque)  # N, N m at 
 GLUE = force(2.0 * law().inset, law())  # N, of one bond
 SIDE = 4
 ARROW = 0.13  # N, of a tile's force as long as a tile is wide
-INCH = 2.6  # N, of a net force as long as an inch
+INCH = 2.0  # N, of a net force as long as an inch
 UNIT = 0.315  # in, a tile's width
-DRAW = 5  # of the half turns, a seed of random numbers
+
+
+def half_turns() -> tuple[Tiles, Loads]:
+    """The first draw of half turns whose net force is one standard deviation, upwards."""
+    spread = imbalance_of_turns(SIDE**2 // 2, SIDE**2 // 2, 0.5)[1] * LOAD
+    return next(found for k in range(100) if np.isclose(net_force((
+        found := case("random half turns", SIDE, LOAD, TORQUE, rng=np.random.default_rng(k))
+    )[1][0])[1], spread))
 
 
 def make() -> Figure:
-    """A block with its headings alike, and one with half turns at random."""
-    fig = canvas(2.6)
-    for letter, name, title, left in (("a", "chessboard", "headings alike", 0.0),
-                                      ("b", "random half turns", "random half turns", 1.75)):
-        _, (load,) = found = case(name, SIDE, LOAD, TORQUE, rng=np.random.default_rng(DRAW))
-        ax = stage(fig, (left, 0.0, 1.75, 2.6), UNIT, (-1.65, -3.05), f"{letter} {title}")
-        _block(ax, *found)
+    """A block with its headings alike, one with half turns at random, and their net forces."""
+    fig = canvas(3.1)
+    for name, left, (tiles, (load,)) in (
+            ("a headings alike", 0.0, case("chessboard", SIDE, LOAD, TORQUE)),
+            ("b random half turns", 1.78, half_turns())):
+        _block(stage(fig, (left, 1.23, 1.72, 1.87), UNIT, (-1.65, -1.6), name), tiles, load)
+        ax = stage(fig, (left, 0.16, 1.72, 1.05), 1.0, (-3.15 * UNIT, -0.72))
+        balance(ax, net_force(load), net_glue_force(SIDE, GLUE), INCH, BLUE,
+                (-0.7, -0.66, 0.6, 0.3))
+    foot = stage(fig, (0.0, 0.0, 3.5, 0.2), 1.0)
+    towards(foot, (0.12, 0.11), 0.0, "#202020", 0.045)
+    note(foot, "heading: black pushes along it, white against it (here $u$ = 1)", (0.22, 0.1),
+         ha="left")
     return fig
 
 
-def _block(ax: Axes, tiles, loads) -> None:
-    (load,) = loads
-    for site, held, colour, (_, fy, turn) in zip(tiles.site, tiles.held, tiles.colour(), load, strict=True):
+def _block(ax: Axes, tiles: Tiles, load: np.ndarray) -> None:
+    for site, held, colour, (_, fy, turn) in zip(tiles.site, tiles.held, tiles.colour(), load,
+                                                 strict=True):
         kind = PAPER.types[colour]
         turned = not held and fy * kind.family < 0.0
         tile(ax, kind, *site, np.pi * turned, magnets=False, seed=bool(held))
         if not held:
-            spin(ax, tuple(site), turn, BLUE, 0.36, 200.0, 140.0, 0.8, 4.0)
-            arrow(ax, site - (0, 0.5 * fy / ARROW), (0.0, fy / ARROW), BLUE, 1.3, 6.0, halo=False)
+            x, y = site
+            towards(ax, (x - 0.22, y), np.pi * (0.5 - turned), "#202020", 0.11)
+            spin(ax, tuple(site), turn, BLUE, 0.33, -55.0, 95.0, 0.8, 4.0)
+            arrow(ax, site - (0, 0.5 * fy / ARROW), (0.0, fy / ARROW), BLUE, 1.4, 6.0, halo=False)
+    bonds(ax, SIDE)
