@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon, Rectangle
-from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Affine2D
 
@@ -140,16 +139,14 @@ def signed(glue: int) -> str:
 
 def arrow(ax: Axes, start: Sequence[float], vector: Sequence[float], colour: str,
           lw: float = 1.2, head: float = 7.0, style: str = "-|>", halo: bool = True,
-          bend: float = 0.0, dash: Any = "-", zorder: float = 4.0) -> None:
+          zorder: float = 4.0) -> None:
     """An arrow from `start` by `vector`, with a white rim that parts it from what is below."""
     (x, y), (dx, dy) = start, vector
-    patch = FancyArrowPatch(
-        (x, y), (x + dx, y + dy), arrowstyle=style, mutation_scale=head, color=colour,
-        linewidth=lw, linestyle=dash, shrinkA=0, shrinkB=0, joinstyle="miter", capstyle="butt",
-        connectionstyle=f"arc3,rad={bend}", zorder=zorder)
-    if halo:
-        patch.set_path_effects([withStroke(linewidth=lw + 1.4, foreground="white")])
-    ax.add_patch(patch)
+    for colour, lw in ((("white", lw + 1.6), (colour, lw)) if halo else ((colour, lw),)):
+        ax.add_patch(FancyArrowPatch(
+            (x, y), (x + dx, y + dy), arrowstyle=style, mutation_scale=head, color=colour,
+            linewidth=lw, shrinkA=0, shrinkB=0, joinstyle="miter", capstyle="butt",
+            zorder=zorder))
 
 
 def spin(ax: Axes, centre: Point, sense: float, colour: str, radius: float = 0.3,
@@ -213,3 +210,24 @@ def extent(ax: Axes, a: Point, b: Point, text: str, at: Point, **look: Any) -> N
                                       "color": FAINT, "shrinkA": 0, "shrinkB": 0},
                 annotation_clip=False, zorder=5.0)
     note(ax, text, at, **look)
+
+
+def bristle_bot(ax: Axes, kind: TileType, x: float, y: float, lean: float) -> None:
+    """A tile on its bristle drive, from the side, on a floor at height y.
+
+    The feet of the bristles are `lean` tile widths off their roots; vibration moves the tile away
+    from where they point.
+    """
+    assert PAPER.magnet is not None
+    inset = PAPER.magnet.inset / PAPER.material.width
+    for root in np.linspace(-0.34, 0.34, 7):
+        ax.plot([x + root, x + root + lean], [y + 0.3, y], color="#404040", lw=1.0, zorder=2.5,
+                solid_capstyle="round")
+    face = tint(kind.colour)
+    ax.add_patch(Rectangle((x - 0.44, y + 0.28), 0.88, 0.1, facecolor="#7a7a7a", edgecolor=EDGE,
+                           lw=0.6, zorder=3))
+    ax.add_patch(Rectangle((x - 0.5, y + 0.38), 1.0, 0.26, facecolor=face, edgecolor=EDGE, lw=0.7,
+                           zorder=3))
+    for left in (x - 0.5, x + 0.5 - 2.0 * inset):
+        ax.add_patch(Rectangle((left, y + 0.45), 2.0 * inset, 0.12, facecolor=MAGNET,
+                               edgecolor=EDGE, lw=0.4, zorder=3.1))
