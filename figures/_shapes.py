@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon, Rectangle
+from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Affine2D
 
@@ -68,7 +69,7 @@ def stage(fig: Figure, box: tuple[float, float, float, float], unit: float,
 
 def tint(colour: str, pale: bool = True) -> tuple[float, float, float]:
     """The colour of a tile; pale where arrows and labels are to be read on it."""
-    r, g, b = (0.24 * part + 0.76 for part in to_rgb(colour)) if pale else to_rgb(colour)
+    r, g, b = (0.18 * part + 0.82 for part in to_rgb(colour)) if pale else to_rgb(colour)
     return r, g, b
 
 
@@ -95,9 +96,11 @@ def tile(ax: Axes, kind: TileType, x: float, y: float, angle: float = 0.0, *, pa
     place = Affine2D().rotate(angle).translate(x, y)
     face = tint(kind.colour, pale)
     outline = ink(face)
-    unit = 72.0 * ax.get_window_extent().width / ax.get_figure(root=True).dpi / np.ptp(ax.get_xlim())
+    fig = ax.get_figure(root=True)
+    assert fig is not None
+    across = 72.0 * ax.get_position().width * fig.get_figwidth()  # pt
+    unit = across / float(np.ptp(ax.get_xlim()))
     half = size / unit * np.array([0.62, 0.38])  # of a label
-    tilt = (angle + 0.25 * math.pi) % (0.5 * math.pi) - 0.25 * math.pi  # labels stay upright
 
     def fill(shape: Any, colour: Any, edge: str = "none", lw: float = 0.0) -> None:
         ax.add_patch(Polygon(place.transform(np.asarray(shape)), closed=True, facecolor=colour,
@@ -113,11 +116,10 @@ def tile(ax: Axes, kind: TileType, x: float, y: float, angle: float = 0.0, *, pa
             fill((0.5 - inset) * out + 2.0 * CORNERS @ np.array([inset * out, 0.1 * along]),
                  MAGNET, EDGE, 0.4)
         if edge in glues:
-            facing = np.abs(Affine2D().rotate(angle - tilt).transform(out))
+            facing = np.abs(Affine2D().rotate(angle).transform(out))
             px, py = place.transform((0.47 - 2.0 * inset - facing @ half) * out)
             ax.text(px, py, signed(glue), fontsize=size, color=outline, ha="center",
-                    va="center_baseline", rotation=math.degrees(tilt), rotation_mode="anchor",
-                    zorder=zorder + 0.2)
+                    va="center_baseline", zorder=zorder + 0.2)
     if heading:
         towards(ax, (x, y), angle + EDGE_ANGLE["NESW".index(kind.forward)], outline, zorder=zorder)
     if seed:
@@ -142,11 +144,14 @@ def arrow(ax: Axes, start: Sequence[float], vector: Sequence[float], colour: str
           zorder: float = 4.0) -> None:
     """An arrow from `start` by `vector`, with a white rim that parts it from what is below."""
     (x, y), (dx, dy) = start, vector
-    for colour, lw in ((("white", lw + 1.6), (colour, lw)) if halo else ((colour, lw),)):
-        ax.add_patch(FancyArrowPatch(
-            (x, y), (x + dx, y + dy), arrowstyle=style, mutation_scale=head, color=colour,
-            linewidth=lw, shrinkA=0, shrinkB=0, joinstyle="miter", capstyle="butt",
-            zorder=zorder))
+    for rim in (True, False) if halo else (False,):
+        shaft = FancyArrowPatch(
+            (x, y), (x + dx, y + dy), arrowstyle=style, mutation_scale=head,
+            color="white" if rim else colour, linewidth=lw, shrinkA=0, shrinkB=0,
+            joinstyle="miter", capstyle="butt", zorder=zorder)
+        if rim:
+            shaft.set_path_effects([Stroke(linewidth=lw + 1.6, foreground="white")])
+        ax.add_patch(shaft)
 
 
 def spin(ax: Axes, centre: Point, sense: float, colour: str, radius: float = 0.3,
@@ -191,17 +196,17 @@ def balance(ax: Axes, push: Any, glue: Any, inch: float, colour: str,
     push, glue = np.asarray(push) / inch, np.asarray(glue) / inch
     arrow(ax, (0, 0), glue, BOND, 1.8, 8.0)
     if np.hypot(*push) < 1e-9:
-        note(ax, "$F_\mathrm{nt}$ = 0", (0.07, 0.1), size=8, colour=colour, ha="left")
+        note(ax, "$F_\\mathrm{nt}$ = 0", (0.07, 0.1), size=8, colour=colour, ha="left")
     else:
         arrow(ax, (0, 0), push, colour, 1.8, 8.0)
         arrow(ax, (0, 0), push + glue, "black", 1.8, 8.0)
         upright = abs(push[1]) > abs(push[0])
-        note(ax, "$F_\mathrm{nt}$", tuple(push + ((0.13, 0.02) if upright else (0.02, 0.1))),
+        note(ax, "$F_\\mathrm{nt}$", tuple(push + ((0.13, 0.02) if upright else (0.02, 0.1))),
              size=8, colour=colour)
         note(ax, "sum", tuple((push + glue) * (1.0 + 0.13 / np.hypot(*(push + glue)))), size=8)
     across = np.array([-glue[1], glue[0]]) / np.hypot(*glue)  # away from the sum
     side = 0.13 if across @ push <= 0.0 else -0.13
-    note(ax, "$F_\mathrm{ng}$", tuple(0.6 * glue + side * across), size=8, colour=BOND)
+    note(ax, "$F_\\mathrm{ng}$", tuple(0.6 * glue + side * across), size=8, colour=BOND)
 
 
 def extent(ax: Axes, a: Point, b: Point, text: str, at: Point, **look: Any) -> None:

@@ -11,6 +11,7 @@ import ast
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,7 +29,8 @@ from tbsa.work.draw import EDGE
 ROOT = Path(__file__).parents[1]
 DATA: tuple[Path, ...] = ()
 SIZE = 6.5  # pt, of a module's name
-ROW, HEAD, GAP = 0.225, 0.34, 0.05  # in: a row of modules, a storey's name, between storeys
+ROW, HEAD, GAP = 0.235, 0.34, 0.05  # in: a row of modules, a storey's name, between storeys
+HIGH = 0.14  # in, a module
 TINTS = {"work": "#dfe9f3", "model": "#e9eef3", "kernels": "#f3f3f3", "tbsa": "#f8f8f8",
          "theory": "#fbeedd"}
 Modules = Mapping[str, Path]
@@ -55,7 +57,8 @@ def storeys(text: str) -> dict[str, str]:
 
 def modules(root: Path = ROOT) -> dict[str, Path]:
     """Every module of the simulator and of theory, by its name."""
-    paths = [*root.glob("tbsa/*/[!_]*.py"), *root.glob("tbsa/[!_]*.py"), *root.glob("theory/[!_]*.py")]
+    paths = [path for folder in ("tbsa", "tbsa/*", "theory")
+             for path in root.glob(f"{folder}/[!_]*.py")]
     return {".".join(path.relative_to(root).with_suffix("").parts): path for path in sorted(paths)}
 
 
@@ -174,7 +177,7 @@ def _draw(ax: Axes, rows: Sequence[Row], graph: Imports) -> None:
             lines.append([name, *bends, other])
     joined: dict[str, list[str]] = {}
     for line in lines:
-        for a, b in zip(line, line[1:], strict=False):
+        for a, b in pairwise(line):
             joined.setdefault(a, []).append(b)
             joined.setdefault(b, []).append(a)
     x: dict[str, float] = {}
@@ -182,35 +185,46 @@ def _draw(ax: Axes, rows: Sequence[Row], graph: Imports) -> None:
         x |= zip(row.names, np.linspace(row.left, row.right, len(row.names) + 2)[1:-1], strict=True)
     best, least = dict(x), np.inf
     for sweep in range(100):
-        for row in rows[::1 if sweep % 2 else -1]:
+        for row in filter(lambda row: row.names, rows[::1 if sweep % 2 else -1]):
             wish = {name: float(np.mean([x[other] for other in joined.get(name, [name])]))
                     for name in row.names}
             order = sorted(row.names, key=lambda name: (wish[name], name))
             x |= zip(order, _apart([wish[n] for n in order], [_width(n) for n in order],
                                    row.left, row.right), strict=True)
-        cost = sum(abs(x[a] - x[b]) for line in lines for a, b in zip(line, line[1:], strict=False))
+        cost = sum(abs(x[a] - x[b]) for line in lines for a, b in pairwise(line))
         if cost < least:
             best, least = dict(x), cost
     x = best
     place = {name: (x[name], row.y) for row in rows for name in row.names}
-    for line in lines:
-        _line(ax, [place[name] for name in line])
+    for line in lines:  # straight down past a row, across between rows
+        ends = [(px, py + side * 0.5 * HIGH) for px, py in (place[name] for name in line)
+                for side in (1.0, -1.0)]
+        ax.plot(*zip(*ends[1:-1], strict=True), color="#606060", lw=0.6, zorder=2,
+                solid_joinstyle="round")
     for name in row_of:
         _chip(ax, name, *place[name])
 
 
 def _apart(wish: Sequence[float], width: Sequence[float], left: float, right: float) -> list[float]:
     """Places near the wished ones, in their order, that leave each its width."""
-    need = [0.5 * (a + b) for a, b in zip(width, width[1:], strict=False)]
-    up, down = list(wish), list(wish)
-    for k in range(len(wish)):
-        up[k] = max(up[k], up[k - 1] + need[k - 1] if k else left + 0.5 * width[0])
-    for k in reversed(range(len(wish))):
-        up[k] = min(up[k], up[k + 1] - need[k] if k + 1 < len(wish) else right - 0.5 * width[k])
-        down[k] = min(down[k], down[k + 1] - need[k] if k + 1 < len(wish) else right - 0.5 * width[k])
-    for k in range(len(wish)):
-        down[k] = max(down[k], down[k - 1] + need[k - 1] if k else left + 0.5 * width[0])
-    return [0.5 * (a + b) for a, b in zip(up, down, strict=True)]
+    need = [0.5 * (a + b) for a, b in pairwise(width)]
+    first, last = left + 0.5 * width[0], right - 0.5 * width[-1]
+
+    def onwards(x: list[float]) -> list[float]:
+        x[0] = max(x[0], first)
+        for k, each in enumerate(need):
+            x[k + 1] = max(x[k + 1], x[k] + each)
+        return x
+
+    def backwards(x: list[float]) -> list[float]:
+        x[-1] = min(x[-1], last)
+        for k in reversed(range(len(need))):
+            x[k] = min(x[k], x[k + 1] - need[k])
+        return x
+
+    # Either order alone would push everything to one side.
+    both = zip(backwards(onwards(list(wish))), onwards(backwards(list(wish))), strict=True)
+    return [0.5 * (a + b) for a, b in both]
 
 
 def _inches(text: str, size: float, weight: str = "normal") -> float:
@@ -226,12 +240,7 @@ def _width(name: str) -> float:
 
 
 def _chip(ax: Axes, name: str, x: float, y: float) -> None:
-    w, h = _width(name) - 0.06, 0.155
+    w, h = _width(name) - 0.06, HIGH
     ax.add_patch(FancyBboxPatch((x - 0.5 * w, y - 0.5 * h), w, h, facecolor="white", edgecolor=EDGE,
                                 boxstyle="round,pad=0,rounding_size=0.03", lw=0.5, zorder=3))
     ax.text(x, y, name.split(".")[-1], fontsize=SIZE, ha="center", va="center_baseline", zorder=4)
-
-
-def _line(ax: Axes, points: Sequence[tuple[float, float]]) -> None:
-    ax.plot(*zip(*points, strict=True), color="#606060", lw=0.6, zorder=2, solid_joinstyle="round")
-

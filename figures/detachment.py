@@ -52,7 +52,7 @@ def make() -> Figure:
         _block(top, n)
         if n == SIZES[0]:
             for text, y, colour in ((f"$F$ = {LOAD:g} N", 2.4, ORANGE),
-                                    (f"$F_\mathrm{{g}}$ = {GLUE:.3f} N", 1.95, BOND)):
+                                    (f"$F_\\mathrm{{g}}$ = {GLUE:.3f} N", 1.95, BOND)):
                 note(top, text, (0.0, y), colour=colour)
         middle = (1.25 + 0.5 * n) * UNIT
         balance(stage(fig, (left, 2.1, width, 1.1), 1.0, (-middle, -0.85)), net_tile_force(n),
@@ -93,7 +93,7 @@ def _scaling(ax: Axes) -> None:
     note(ax, f"shaken: held up to\n$F_\\mathrm{{g}}/F$ = {LIMIT:.1f} tiles", (0.5 * LIMIT, 1.5))
     for text, at, colour in (
             ("shaken: $n_\\mathrm{s}^2F$", (4.0, 1.82), ORANGE),
-            ("bonds: $n_\mathrm{s}F_\mathrm{g}$", (6.4, 1.62), BOND),
-            ("two families,\nrandom half turns: $n_\mathrm{s}F$", (6.55, 0.82), BLUE),
+            ("bonds: $n_\\mathrm{s}F_\\mathrm{g}$", (6.4, 1.62), BOND),
+            ("two families,\nrandom half turns: $n_\\mathrm{s}F$", (6.55, 0.82), BLUE),
             ("headings alike: 0 or $F$", (6.45, 0.22), BLUE)):
         note(ax, text, at, colour=colour)

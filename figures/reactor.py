@@ -21,7 +21,7 @@ from figures.style import BLUE
 from tbsa.kernels.drives import unicycle
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import EDGE_ANGLE
-from tbsa.work.draw import EDGE, FLOOR
+from tbsa.work.draw import EDGE
 
 DATA: tuple[Path, ...] = ()
 ARM, RADIUS, NUMBER = 3, 0.2, 28  # of the seed; of the reactor (m); free tiles
@@ -52,7 +52,8 @@ def make() -> Figure:
 def _above(ax: Axes) -> None:
     shown = scene()
     layout, w = tbsa.initial_layout(shown), shown.material.width
-    ax.add_patch(Circle((0.0, 0.0), RADIUS / w, facecolor=FLOOR, edgecolor=EDGE, lw=1.6, zorder=0.5))
+    ax.add_patch(Circle((0.0, 0.0), RADIUS / w, facecolor="#f0f0ee", edgecolor=EDGE, lw=1.6,
+                        zorder=0.5))
     families = np.array([kind.family for kind in shown.types], float)[layout.type]
     forward = np.array([EDGE_ANGLE[kind.forward] for kind in shown.types])[layout.type]
     fx, fy, torque = np.zeros((3, len(layout.x)))

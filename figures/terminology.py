@@ -26,7 +26,7 @@ ARM = 4
 PRESENT = ((1, 1), (2, 1), (3, 1), (4, 1), (1, 2), (3, 2), (1, 3), (2, 3), (1, 4))
 OPEN = (3, 3)  # the site that a tile is about to take
 STRAY = (4, 2)  # a tile of another kind, held by one of its glues
-FREE = (4.25, 4.35, -0.35)  # the tile that is about to join: column, row, angle (rad)
+FREE = (4.25, 4.3, -0.2)  # the tile that is about to join: column, row, angle (rad)
 
 
 def scene() -> Scene:
@@ -73,7 +73,7 @@ def _assembly(ax: Axes) -> None:
     labelled = {OPEN: "", (2, 3): "E", (3, 2): "NE", STRAY: "SW", (4, 1): "N"}
     for i, kind in enumerate(layout.type):
         at = round(float(x[i])), round(float(y[i]))
-        glues = "NESW" if not (found.attached[i] or found.seed[i]) else labelled.get(at, "")
+        glues = "SW" if not (found.attached[i] or found.seed[i]) else labelled.get(at, "")
         tile(ax, shown.types[kind], x[i], y[i], float(layout.angle[i]), seed=bool(found.seed[i]),
              glues=glues, size=6.5)
     for a, edge, _, _ in found.bonded:

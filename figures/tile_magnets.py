@@ -72,8 +72,9 @@ def _pair(ax: Axes) -> None:
 
 def _corner(ax: Axes, turn: float) -> None:
     """The force on a tile near the corner."""
+    facing = {(1, 0): "N", (0, 1): "E"}
     for column, row, kind in SEED:
-        tile(ax, kind, column, row, seed=True, glues={(1, 0): "N", (0, 1): "E"}.get((column, row), ""))
+        tile(ax, kind, column, row, seed=True, glues=facing.get((column, row), ""))
     at = 1.0 + GAP
     tile(ax, BLACK, at, at, turn, glues="NESW")
     total = force_on(turn)

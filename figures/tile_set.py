@@ -26,9 +26,9 @@ def make() -> Figure:
     unit = 1.78 / (max(columns) - min(columns) + 1)
     ax = stage(fig, (0.0, 0.0, 1.9, 2.15), unit, (min(columns) - 0.9, min(columns) - 1.4),
                "a seed and pattern")
-    for (column, row), kind in truth.types.items():
+    for (column, row), number in truth.types.items():
         held = (column, row) in truth.seed
-        tile(ax, PAPER.types[kind], column, row, magnets=False, pale=not held, seed=held)
+        tile(ax, PAPER.types[number], column, row, magnets=False, pale=not held, seed=held)
     for k, (name, types) in enumerate(SETS.items()):
         ax = stage(fig, (1.98, 1.13 - 1.06 * k, 1.52, 1.02), 0.56, (-0.6, -0.75),
                    f"{'bc'[k]} {name}" + ", default" * (types == PAPER.types))

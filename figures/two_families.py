@@ -13,7 +13,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures._shapes import PAPER, arrow, balance, bonds, canvas, law, note, spin, stage, tile, towards
+from figures._shapes import (
+    PAPER,
+    arrow,
+    balance,
+    bonds,
+    canvas,
+    law,
+    note,
+    spin,
+    stage,
+    tile,
+    towards,
+)
 from figures.style import BLUE
 from theory.magnets import force
 from theory.scaling import net_glue_force
