@@ -29,11 +29,11 @@ LOAD = float(PAPER.drive.force)  # N, on every tile
 GLUE = force(2.0 * law().inset, law())  # N, of one bond
 PHASE = worst_angle(0.0)  # rad, of the shaken load
 LIMIT = next(r for r in READINGS if r.name == "quadrant").bound(GLUE, LOAD, 0.0, 0.0)
-SIZES = (2, 4)  # blocks that are drawn: one that is held, one that is not
+SIZES = (2, max(4, int(LIMIT) + 1))  # blocks that are drawn: one that is held, one that is not
 ARROW = 0.12  # N, of a tile's force as long as a tile is wide
-UNIT = 0.28  # in, a tile's width
+UNIT = 1.4 / (SIZES[1] + 1)  # in, a tile's width
 INCH = 1.3  # N, of a net force as long as an inch
-LARGEST = 8  # block of the diagram
+LARGEST, MOST = round(3.0 * LIMIT), 3.6 * LIMIT * GLUE  # side of a block, N: the diagram's ends
 
 
 def net_tile_force(n: int) -> np.ndarray:
@@ -51,13 +51,13 @@ def make() -> Figure:
         top = stage(fig, (left, 3.13, width, 1.67), UNIT, (-1.75, -1.6), title)
         _block(top, n)
         if n == SIZES[0]:
-            for text, y, colour in ((f"$F$ = {LOAD:g} N", 2.4, ORANGE),
-                                    (f"$F_\\mathrm{{g}}$ = {GLUE:.3f} N", 1.95, BOND)):
+            for text, y, colour in ((f"$F$ = {LOAD:g} N", 1.5 + 0.25 / UNIT, ORANGE),
+                                    (f"$F_\\mathrm{{g}}$ = {GLUE:.3f} N", 1.5 + 0.12 / UNIT, BOND)):
                 note(top, text, (0.0, y), colour=colour)
         middle = (1.25 + 0.5 * n) * UNIT
         balance(stage(fig, (left, 2.1, width, 1.1), 1.0, (-middle, -0.85)), net_tile_force(n),
                 net_glue_force(n, GLUE), INCH, ORANGE,
-                (-0.4 - 0.1 * n, -0.8, -0.1 + 0.3 * n, 0.15))
+                (-0.4 - 0.1 * n, -0.8, np.hypot(*net_tile_force(n)) / INCH + 0.25, 0.15))
     _scaling(fig.add_axes((0.125, 0.085, 0.855, 0.31)))
     return fig
 
@@ -84,16 +84,17 @@ def _scaling(ax: Axes) -> None:
     for letter, side in zip("ab", SIZES, strict=True):
         net = float(np.linalg.norm(net_tile_force(side)))
         ax.plot([side], [net], "s", color=ORANGE, markersize=3.5)
-        note(ax, letter, (side + 0.22, net - 0.04), weight="bold", size=8)
-    ax.set(xlim=(0, LARGEST), ylim=(0, 2.0), xlabel="side $n_\\mathrm{s}$ of the block (tiles)",
+        note(ax, letter, (side + 0.028 * LARGEST, net - 0.02 * MOST), weight="bold", size=8)
+    ax.set(xlim=(0, LARGEST), ylim=(0, MOST), xlabel="side $n_\\mathrm{s}$ of the block (tiles)",
            ylabel="net force along an axis (N)")
     ax.spines[["top", "right"]].set_visible(False)
     ax.annotate("c", (0.0, 1.0), (3, -2), xycoords="axes fraction", textcoords="offset points",
                 fontsize=8, weight="bold", va="top")
-    note(ax, f"shaken: held up to\n$F_\\mathrm{{g}}/F$ = {LIMIT:.1f} tiles", (0.5 * LIMIT, 1.5))
+    note(ax, f"shaken: held up to\n$F_\\mathrm{{g}}/F$ = {LIMIT:.1f} tiles",
+         (0.5 * LIMIT, 0.75 * MOST))
     for text, at, colour in (
-            ("shaken: $n_\\mathrm{s}^2F$", (4.0, 1.82), ORANGE),
-            ("bonds: $n_\\mathrm{s}F_\\mathrm{g}$", (6.4, 1.62), BOND),
-            ("two families,\nrandom half turns: $n_\\mathrm{s}F$", (6.55, 0.82), BLUE),
-            ("headings alike: 0 or $F$", (6.45, 0.22), BLUE)):
-        note(ax, text, at, colour=colour)
+            ("shaken: $n_\\mathrm{s}^2F$", (0.5, 0.91), ORANGE),
+            ("bonds: $n_\\mathrm{s}F_\\mathrm{g}$", (0.8, 0.81), BOND),
+            ("two families,\nrandom half turns: $n_\\mathrm{s}F$", (0.82, 0.41), BLUE),
+            ("headings alike: 0 or $F$", (0.83, 0.1), BLUE)):
+        note(ax, text, (at[0] * LARGEST, at[1] * MOST), colour=colour)

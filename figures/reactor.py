@@ -68,7 +68,7 @@ def _above(ax: Axes) -> None:
         if not layout.held[i]:
             push = 0.75 * np.array([fx[i], fy[i]])
             arrow(ax, np.array(at) - 0.5 * push, push, BLUE, 1.2, 5.0, halo=False)
-    note(ax, "seed", (2.6, 0.82))
+    note(ax, "seed", (2.5, 0.82))
     note(ax, "reactor", (5.2, 6.0), (0.72 * RADIUS / w, 0.72 * RADIUS / w))
 
 
