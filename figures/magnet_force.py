@@ -48,7 +48,7 @@ def make() -> Figure:
             (f"cylinders of {POLARISATION:g} T,\n{1000 * height:.0f} mm high, diameter in mm",
              0.75, 2.0, "#606060", "left")):
         ax.text(x, y, text, color=colour, fontsize=7, ha=side)
-    ax.set(xlabel="distance of the magnets' centres (cm)", ylabel="force (N)", yscale="log",
-           xlim=(0, 4), ylim=(1e-3, 10))
+    ax.set(xlabel="distance of the magnets\N{RIGHT SINGLE QUOTATION MARK} centres (cm)",
+           ylabel="force (N)", yscale="log", xlim=(0, 4), ylim=(1e-3, 10))
     ax.spines[["top", "right"]].set_visible(False)
     return fig

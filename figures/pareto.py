@@ -51,5 +51,6 @@ def make() -> Figure:
         ax.set_title(title, fontsize=8)
         ax.set(xlabel="run time for 1 s (s)", ylabel=f"error: {quantity}")
         ax.spines[["top", "right"]].set_visible(False)
+    fig.align_ylabels()
     axes[0, 0].legend(loc="lower left")
     return fig

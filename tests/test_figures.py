@@ -1,19 +1,41 @@
-"""The figures that read a campaign's data, from a tiny campaign; and what keeps such data small."""
+"""Figures: schematics, those that read a tiny campaign's data, and what keeps such data small."""
 
 from __future__ import annotations
 
+import math
+import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib import import_module
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from test_campaign import SCENE, SHAKING
 
 import tbsa
-from figures import growth, maps, snapshots, style
-from figures.__main__ import main
+from figures import (
+    _shapes,
+    architecture,
+    detachment,
+    growth,
+    maps,
+    reactor,
+    snapshots,
+    style,
+    terminology,
+    tile_magnets,
+    two_families,
+)
+from figures.__main__ import SCRIPTS, main
 from paper_runs.keep import main as keep
+from tbsa.model.tiles import ground_truth, strength
+from theory.stability import case, net_force
 
 CAMPAIGN = """
 seeds = [4, 2]
@@ -38,6 +60,8 @@ scene = "shaking.toml"
 set = {"run.duration" = 2.0, "drive.force" = 0.1}
 grid = {"floor.law" = ["separate", "coupled"]}
 """
+SCHEMATICS = ("architecture", "bristle_drive", "detachment", "reactor", "terminology",
+              "tile_magnets", "tile_set", "two_families")
 GROUPS = ("--group", "self-stabilizing", "--group", "shaking")
 
 
@@ -175,3 +199,153 @@ def test_what_cannot_be_kept_is_refused(data, tmp_path, capsys):
             ([whole, str(tmp_path / "a"), "--records", "1"], "1 must be at least 2")):
         assert keep(arguments) == 2
         assert words in capsys.readouterr().err
+
+
+def drawn(figure, monkeypatch):
+    """Every text that a renderer draws, with its box in pixels (left, low, right, high)."""
+    found = {}
+    draw = Text.draw
+
+    def watched(text, renderer, *rest, **options):
+        draw(text, renderer, *rest, **options)
+        if text.get_visible() and text.get_text().strip():
+            # Of the text alone: an annotation's own extent has its line in it.
+            found[text] = Text.get_window_extent(text, renderer).extents
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Text, "draw", watched)
+        FigureCanvasAgg(figure).draw()
+    return found
+
+
+def faults(figure, monkeypatch):
+    """Texts too small to be read, out of the frame, or over each other."""
+    boxes = drawn(figure, monkeypatch)
+    right, high = figure.bbox.size
+    small = [text.get_text() for text in boxes if text.get_fontsize() < 6.5]
+    outside = [text.get_text() for text, (x0, y0, x1, y1) in boxes.items()
+               if min(x0, y0, right - x1, high - y1) < -0.5]
+    over = [(a.get_text(), b.get_text()) for (a, p), (b, q) in combinations(boxes.items(), 2)
+            if min(p[2], q[2]) - max(p[0], q[0]) > 0.5 and min(p[3], q[3]) - max(p[1], q[1]) > 0.5]
+    return small, outside, over
+
+
+def test_faults_of_a_figure_are_found(monkeypatch):
+    figure = Figure(figsize=(2, 1))
+    for x, y, text, size in ((0.1, 0.5, "left", 8), (0.15, 0.55, "right", 8), (0.95, 0.1, "out", 8),
+                             (0.5, 0.1, "tiny", 5)):
+        figure.text(x, y, text, fontsize=size)
+    figure.text(0.1, 0.5, "hidden", visible=False)
+    assert faults(figure, monkeypatch) == (["tiny"], ["out"], [("left", "right")])
+
+
+@pytest.mark.parametrize("name", SCHEMATICS)
+def test_a_schematic_needs_no_data_and_can_be_read(name, tmp_path, monkeypatch):
+    script = import_module(f"figures.{name}")
+    assert script.DATA == ()
+    assert name in SCRIPTS
+    monkeypatch.setattr(style, "OUTPUT", tmp_path)
+    assert main([name]) == 0
+    assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    pdf = (tmp_path / f"{name}.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert b"/Subtype /Image" not in pdf
+    assert main([name]) == 0
+    assert (tmp_path / f"{name}.pdf").read_bytes() == pdf
+    with style.look():
+        figure = script.make()
+        assert faults(figure, monkeypatch) == ([], [], [])
+    assert figure.get_size_inches()[0] == style.COLUMN
+
+
+@pytest.mark.parametrize("name", ["growth", "maps", "snapshots", "magnet_force"])
+def test_a_figure_of_data_can_be_read(name, there, monkeypatch):
+    with style.look():
+        assert faults(import_module(f"figures.{name}").make(), monkeypatch) == ([], [], [])
+
+
+def test_the_architecture_has_every_module_and_line(monkeypatch):
+    root = Path(architecture.__file__).parents[1]
+    stems = sorted(path.stem for folder in ("tbsa", "theory")
+                   for path in (root / folder).rglob("*.py") if not path.stem.startswith("_"))
+    with style.look():
+        texts = [text.get_text() for text in drawn(architecture.make(), monkeypatch)]
+    for name in ("work", "model", "kernels", "tbsa", "theory"):
+        texts.remove(name)
+    assert sorted(text for text in texts if text in stems) == stems
+    graph = architecture.imports(architecture.modules())
+    assert "tbsa.kernels.advance" in graph["tbsa.model.simulation"]
+    assert "tbsa.model.scene" not in graph["tbsa.model.squares"]  # for type checks only
+    for name, path in architecture.modules().items():  # plain imports, by a second reader
+        for line in re.findall(r"^from ((?:tbsa|theory)\.[\w.]+) import", path.read_text(), re.M):
+            assert line in graph[name] or line in ("tbsa.kernels", "tbsa.work")
+    few = architecture.reduced(graph)
+    assert sum(map(len, few.values())) < sum(map(len, graph.values()))
+    assert architecture.below(few) == architecture.below(graph)
+
+
+def test_the_architecture_refuses_an_import_that_goes_up():
+    graph = {"tbsa.kernels.a": {"tbsa.model.b"}, "tbsa.model.b": set()}
+    with pytest.raises(ValueError, match=r"tbsa\.kernels\.a imports tbsa\.model\.b"):
+        architecture.refuse_upward(graph, ["work", "model", "kernels"])
+    with pytest.raises(ValueError, match="does not say"):
+        architecture.storeys("no word of it")
+
+
+def test_the_terms_mean_what_the_metrics_count():
+    scene = terminology.scene()
+    layout = tbsa.initial_layout(scene)
+    found = tbsa.assembly(scene, layout, layout.x, layout.y, layout.angle)
+    assert (found.errors, found.holes) == (1, 1)
+    assert found.size == len(terminology.PRESENT) + 1
+    assert not found.attached[-1]  # the tile that is about to join
+    sites = {(c, r): [kind.name for kind in scene.types].index(name)
+             for c, r, name in scene.seed.cells}
+    truth = ground_truth(scene).types
+    sites |= {site: truth[site] for site in terminology.PRESENT}
+    kind = truth[terminology.OPEN]
+    assert strength(scene.types, sites, terminology.OPEN, kind) == scene.temperature
+    assert layout.type[-1] == kind
+    assert strength(scene.types, sites, terminology.STRAY, 2) == 1
+
+
+def test_the_shaken_blocks_are_held_and_detach_as_the_bound_says():
+    small, large = detachment.SIZES
+    assert small < detachment.LIMIT < large
+    for n in detachment.SIZES:
+        np.testing.assert_allclose(np.linalg.norm(detachment.net_tile_force(n)),
+                                   n * n * _shapes.PAPER.drive.force)
+    with style.look():
+        titles = [text.get_text() for ax in detachment.make().axes for text in ax.texts]
+    assert {f"{small} × {small} tiles: held", f"{large} × {large} tiles: detaches"} <= set(titles)
+
+
+def test_two_families_cancel_or_leave_one_standard_deviation():
+    n, force = two_families.SIDE, two_families.LOAD
+    _, (load,) = case("chessboard", n, force)
+    assert np.hypot(*net_force(load)) < 1e-12
+    _, (load,) = two_families.half_turns()
+    np.testing.assert_allclose(net_force(load), (0.0, n * force), atol=1e-12)
+
+
+def test_the_force_at_the_corner_is_the_simulators():
+    """Theory draws it; the kernels give the same."""
+    w, paper = _shapes.PAPER.material.width, _shapes.PAPER
+    at = w * (1.0 + tile_magnets.GAP)
+    cells = [[c, r, kind.name] for c, r, kind in tile_magnets.SEED]
+    for turn, sign in ((0.0, -1.0), (0.5 * math.pi, 1.0)):
+        scene = tbsa.parse({
+            "tiles": {"set": "chessboard"}, "seed": {"shape": "cells", "cells": cells},
+            "free": {"tile": [{"type": "black", "position": [at, at], "angle": turn}]}})
+        simulation = tbsa.Simulation(replace(scene, magnet=paper.magnet))
+        fx, fy, _ = simulation.magnet_forces()
+        np.testing.assert_allclose(tile_magnets.force_on(turn), (fx[-1], fy[-1]), rtol=1e-9)
+        assert sign * fx[-1] > 0.05
+
+
+def test_the_reactor_has_equal_families_and_a_held_cross():
+    scene = reactor.scene()
+    layout = tbsa.initial_layout(scene)
+    free = layout.type[~layout.held]
+    assert np.bincount(free).tolist() == [reactor.NUMBER // 2] * 2
+    assert layout.held.sum() == 4 * reactor.ARM + 1
