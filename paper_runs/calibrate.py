@@ -44,6 +44,7 @@ from paper_runs.paper import DURATION, END, SELF, SHAKING, STEADY
 from paper_runs.tables import DATA, HERE, against_plan, fields, load, markdown
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
+from tbsa.work.plan import read_plan
 
 QUARTER, DOUBLE, POINT = math.log(1.25), math.log(2.0), 1.0  # units of a miss
 LEAST = 0.5  # tiles; stands for an assembly of none in a logarithm
@@ -167,7 +168,8 @@ def maps(found: dict[tuple[str, ...], Point]) -> list[str]:
 def _cell(each: Point | None) -> str:
     if each is None:
         return "–"
-    return f"{each.size:.0f}, {number(each.errors)}, {number(each.holes)}"
+    return ", ".join([f"{each.size:.0f}", *("–" if math.isnan(value) else f"{value:.1f}"
+                                           for value in (each.errors, each.holes))])
 
 
 def ranking(ranked: Sequence[Candidate]) -> list[str]:
@@ -232,7 +234,10 @@ def readings(folder: Path, table: pd.DataFrame) -> list[str]:
     for group in dict.fromkeys(ended["group"]):
         mine = ended[ended["group"] == group]
         varied = [name for name in names if mine[name].nunique(dropna=True) > 1]
-        keys = mine[varied].astype(str).agg(", ".join, axis=1) if varied else mine["group"]
+        keys = mine["group"]
+        for name in varied:
+            keys = keys + " " + mine[name].map(
+                lambda value: f"{value:g}" if isinstance(value, float) else str(value))
         for value in dict.fromkeys(keys):
             for drive in (SELF, SHAKING):
                 some = mine[(keys == value) & (mine["drive"] == drive)]
@@ -246,14 +251,15 @@ def readings(folder: Path, table: pd.DataFrame) -> list[str]:
                     compared, apart = compared + 1, apart + clear
                     off = f"{estimate}{' *' if clear else ''}"
                 spread = number(float(some["size"].std())) if len(some) > 1 else "–"
-                rows.append((group if value == group else f"{group} {value}", drive, len(some),
+                rows.append((value, drive, len(some),
                              f"{number(float(some['size'].mean()))} ± {spread}", off,
                              *(number(float(some[name].mean())) for name in
                                ("errors_percent", "holes_percent")),
                              *(number(float(some[name].mean())) if name in some else "–"
                                for name in ("wrongly_turned", "size_contact"))))
     times = ", ".join(f"{each:g}" for each in sorted(set(ended["duration"])))
-    return [f"Means over the seeds after {times} s; ± is the standard deviation between seeds.", "",
+    return [f"Means over the seeds after {times} s; ± is the standard deviation between seeds. "
+            f"{_about(ended)}".strip(), "",
             *markdown(("reading", "drive", "runs", "size", "less the base (95 %)", "errors (%)",
                        "holes (%)", "wrongly turned", "size by contact"), rows), "",
             f"\\* The interval leaves out 0: {apart} of {compared}, of which {0.05 * compared:.0f} "
@@ -261,6 +267,20 @@ def readings(folder: Path, table: pd.DataFrame) -> list[str]:
             "tiles, 81 with 19 and 64 with 36. Membership by contact instead of by bonds is the "
             "last column. With families that do not follow the colours, errors are tiles that "
             "face a tile of the assembly with magnets that do not attract."]
+
+
+def _about(ended: pd.DataFrame) -> str:
+    """Force and torque of the base, where its runs are those of the file as it is now."""
+    ours = set(ended[ended["group"] == "base"]["fingerprint"])
+    base = [each for each in read_plan(FILES["readings"]) if each.mark in ours]
+    said = {}
+    for each in base:
+        drive, floor = each.scene.drive, each.scene.floor
+        if drive is not None and floor is not None:
+            said[drive.kind] = (f"{drive.kind} {drive.force:g} N"
+                                + f" and {drive.torque:g} N m" * (drive.torque > 0)
+                                + f" on {floor.law} floor friction")
+    return f"The base: {', '.join(said.values())}." if said else ""
 
 
 def noise(folder: Path, table: pd.DataFrame) -> str:
@@ -327,7 +347,7 @@ def finals(ranked: Sequence[Candidate], number: int) -> str:
         return "[" + ", ".join(f'"{each}"' if isinstance(each, str) else repr(each)
                                for each in values) + "]"
 
-    return f'''# The settings that came closest to the paper in the maps, for the paper's {DURATION:g} s.
+    return f'''# The settings that came closest to the paper in the maps, run in full.
 # Written by  python -m paper_runs.calibrate --finals {number}
 #
 #     tbsa campaign paper_runs/finals.toml --out runs/finals

@@ -39,8 +39,8 @@ Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
 HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached")
 RULES = f"""Intervals are over runs. Sizes and slopes: Student's t; differences: Welch's. Errors and
 holes are means over runs of per cent of each run's size, by bootstrap over runs if at least ten of
-them have any, else from the exact Poisson interval of the count of all runs; the share of runs
-that have any stands below, with its exact binomial interval. *Still growing*: the slope of size
+them have any, else from the Poisson interval of the counts of all runs; the share of runs that
+have any stands below, with its exact binomial interval. *Still growing*: the slope of size
 over the last third of the run, a straight line through each run's records, is above zero.
 *Decreasing rate*: it is below that of the second third. *Saturated*: what the slope adds over the
 last third is within {paper.STEADY:g} % of the mean end size."""
@@ -160,10 +160,10 @@ def report(folder: Path, plan: Path) -> str:
 
 def _range(figure: Figure) -> str:
     if math.isinf(figure.high):
-        return f"above {number(figure.low)}"
+        return f"above {figure.low:.3g}"
     if math.isinf(figure.low):
-        return f"below {number(figure.high)}"
-    return f"{number(figure.low)} to {number(figure.high)}"
+        return f"below {figure.high:.3g}"
+    return f"{figure.low:.3g} to {figure.high:.3g}".replace("-", "−")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
