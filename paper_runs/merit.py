@@ -36,7 +36,7 @@ from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
 
 Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
-HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached")
+HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
 RULES = f"""Intervals are over runs. Sizes and slopes: Student's t; differences: Welch's. Errors and
 holes are means over runs of per cent of each run's size, by bootstrap over runs if at least ten of
 them have any, else from the Poisson interval of the counts of all runs; the share of runs that
@@ -79,7 +79,7 @@ def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]
 
 
 def _ratio(a: np.ndarray, b: np.ndarray) -> float:
-    return float(a.mean() / b.mean()) if b.any() else math.inf
+    return float(a.mean() / b.mean()) if b.any() else math.nan
 
 
 def _percent(table: pd.DataFrame, name: str) -> pd.Series[float]:

@@ -624,13 +624,14 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
     first = ["run", "group", "scene"]
     fields = list(dict.fromkeys(name for each in plan for name, _ in each.fields))
     names = list(dict.fromkeys(name for row in rows for name in row if name not in fields))
-    table = pd.DataFrame(rows, columns=[*first, *fields, *names[len(first):]])
+    # As objects: an integer stays one, whether another run has the value or not.
+    table = pd.DataFrame(rows, columns=[*first, *fields, *names[len(first):]], dtype=object)
     for name, frame in (
             ("table", table),
             ("curves", pd.concat(curves) if curves else pd.DataFrame(columns=["run", "time"])),
             ("wall", pd.DataFrame(walls, columns=["run", "wall", "time"]))):
         write_atomically(out / f"{name}.csv", frame.to_csv(index=False).encode())
-    return table
+    return table.infer_objects()
 
 
 def _read_csv(path: Path) -> list[dict[str, Any]]:
