@@ -1,19 +1,44 @@
-"""Where the data are that the figures read."""
+"""Where the data are that the figures read; `python -m paper_runs.keep` puts them there."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
-ROOT = Path(__file__).parents[1]
-# Tables, and a few records, of campaigns; `python -m paper_runs.keep` puts them there.
-CAMPAIGN = ROOT / "paper_runs" / "data" / "campaign"
-CALIBRATION = ROOT / "paper_runs" / "data" / "calibration"
-DRIVES = {"self-stabilizing": "self-stabilizing", "shaking": "shaking"}  # group: label
+from figures.style import BLUE, ORANGE
+from paper_runs.paper import SELF, SHAKING
+from paper_runs.tables import DATA, done
+
+__all__ = ["BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "done", "means",
+           "points", "seconds"]
+
+# Tables, and a few records, of campaigns.
+CAMPAIGN, CALIBRATION = DATA / "campaign", DATA / "calibration"
+BEYOND, MORE_TILES = DATA / "beyond", DATA / "more_tiles"
+DRIVES = {SELF: SELF, SHAKING: SHAKING}  # drive: label
+LOOKS: dict[str, tuple[str, Any, str]] = {  # colour, line, mark
+    SELF: (BLUE, "-", "o"), SHAKING: (ORANGE, (0, (4, 1.5)), "s")}
 
 
-def done(folder: Path) -> pd.DataFrame:
-    """The rows of a campaign's table whose runs are done."""
-    table = pd.read_csv(folder / "table.csv")
-    return table[table["status"] == "done"]
+def seconds(rows: pd.DataFrame) -> str:
+    """How long the runs are (s), in words."""
+    return ", ".join(f"{each:g}" for each in sorted(set(rows["duration"])))
+
+
+def means(rows: pd.DataFrame, over: str) -> pd.DataFrame:
+    """Mean size by the values of a column, with the smallest and the largest run."""
+    return rows.groupby(over)["size"].agg(["mean", "min", "max"])
+
+
+def points(ax: Axes, at: pd.DataFrame, drive: str, label: str, **look: Any) -> Any:
+    """Means with a bar from the smallest to the largest run, in the drive's look."""
+    colour, dash, mark = LOOKS[drive]
+    mean = at["mean"].to_numpy()
+    return ax.errorbar(at.index.to_numpy(dtype=float), mean,
+                       np.stack([mean - at["min"], at["max"] - mean]),
+                       **{"color": colour, "linestyle": dash, "marker": mark, "markersize": 4,
+                          "capsize": 2, "elinewidth": 0.8, "label": label, "clip_on": False,
+                          **look})

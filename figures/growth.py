@@ -11,16 +11,16 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures._data import CAMPAIGN, DRIVES, done
-from figures.style import BLUE, ORANGE, figure
+from figures._data import CAMPAIGN, DRIVES, LOOKS, done
+from figures.style import BLUE, figure
+from paper_runs.paper import END, SELF
 
 DATA = (CAMPAIGN / "table.csv", CAMPAIGN / "curves.csv")
-LOOKS = {"self-stabilizing": (BLUE, "-", "o"), "shaking": (ORANGE, (0, (4, 1.5)), "s")}
 PANELS = {  # column: label, and the paper's end values
-    "size": ("attached tiles", {"self-stabilizing": 130.0, "shaking": 35.0}),
-    "errors_percent": ("errors (%)", {"self-stabilizing": 0.0, "shaking": 0.5}),
-    "holes_percent": ("holes (%)", {"self-stabilizing": 1.5, "shaking": 0.0}),
-}
+    column: (label, {drive: END[drive][name].value for drive in DRIVES})
+    for column, label, name in (("size", "attached tiles", "size"),
+                                ("errors_percent", "errors (%)", "errors"),
+                                ("holes_percent", "holes (%)", "holes"))}
 
 
 def make() -> Figure:
@@ -31,7 +31,7 @@ def make() -> Figure:
     fig = figure(4.6)
     axes = fig.subplots(3, 1, sharex=True, height_ratios=(1.6, 1, 1))
     end = float(curves["time"].max())
-    handles = []
+    handles, top = [], dict.fromkeys(axes, 0.0)
     for drive, label in DRIVES.items():
         colour, dash, mark = LOOKS[drive]
         rows = curves[curves["group"] == drive]
@@ -42,8 +42,11 @@ def make() -> Figure:
             time, mean, spread = at.index.to_numpy(), at["mean"], at["std"].fillna(0.0)
             ax.fill_between(time, np.maximum(mean - spread, 0.0), mean + spread, color=colour,
                             alpha=0.18, lw=0)
+            # The first few tiles are many per cent each: they do not set the scale.
+            top[ax] = max(top[ax], float(mean[time >= 0.05 * end].max()), reported[drive])
             # Unclipped: a curve along zero would lose half its width to the axis.
-            ax.plot(time, mean, color=colour, linestyle=dash, clip_on=False, zorder=3)
+            line, = ax.plot(time, mean, color=colour, linestyle=dash, zorder=3)
+            line.set_clip_on(bool(mean.max() > 2.0 * top[ax]))
             ax.plot([end], [reported[drive]], mark, markersize=4.5, markerfacecolor="white",
                     markeredgecolor=colour, markeredgewidth=1.1, clip_on=False, zorder=5)
         handles.append(Line2D([], [], color=colour, linestyle=dash,
@@ -52,9 +55,9 @@ def make() -> Figure:
                               markerfacecolor="white", label="paper, at 3600 s"))
     for ax, (what, _) in zip(axes, PANELS.values(), strict=True):
         ax.set(ylabel=what, xlim=(0.0, end))
-        ax.set_ylim(bottom=0.0, top=max(ax.get_ylim()[1], 2.0 if ax is not axes[0] else 160.0))
+        ax.set_ylim(0.0, max(ax.get_ylim()[1], 160.0) if ax is axes[0] else max(1.4 * top[ax], 2.0))
         ax.spines[["top", "right"]].set_visible(False)
-    most = PANELS["size"][1]["self-stabilizing"]  # "more than 130"
+    most = END[SELF]["size"].value  # "more than 130"
     axes[0].annotate("", (end, most + 0.14 * axes[0].get_ylim()[1]), (end, most),
                      annotation_clip=False, zorder=4,
                      arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.1})

@@ -7,9 +7,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
+import tbsa
 from figures._data import CALIBRATION, done
-from figures.style import figure
+from figures.style import ORANGE, figure
+from paper_runs.tables import HERE
 
 DATA = (CALIBRATION / "table.csv",)
 FLOORS = {"separate": "separate floor friction", "coupled": "coupled floor friction"}
@@ -17,10 +20,15 @@ COLOURS = matplotlib.colormaps["Blues"].resampled(256)
 
 
 def make() -> Figure:
-    """A panel a law of floor friction: the torques from below, and shaking under them."""
+    """A panel a law of floor friction: the torques from below, and shaking under them.
+
+    The force and torque of the paper's scenes here are framed.
+    """
     table = done(DATA[0].parent)
     unicycle = table[table["group"] == "map-unicycle"]
     shaking = table[table["group"] == "map-shaking"]
+    scene = tbsa.load(HERE / "self_stabilizing.toml")
+    chosen = scene.floor.law, scene.drive.force, scene.drive.torque
     largest = float(pd.concat([unicycle, shaking])["size"].max())
     laws = [law for law in FLOORS if law in set(unicycle["floor.law"])]
     fig = figure(1.0 + 1.75 * len(laws))
@@ -36,6 +44,11 @@ def make() -> Figure:
         ax.set_xticks(range(grid.shape[1]), [f"{force:g}" for force in grid.columns])
         ax.set(xlim=(-0.5, grid.shape[1] - 0.5), ylim=(-1.8, len(grid) - 0.5),
                ylabel="$T_{mag}$ (N m)")
+        if chosen[0] == law and chosen[1] in grid.columns and chosen[2] in grid.index:
+            column, row = grid.columns.get_loc(chosen[1]), grid.index.get_loc(chosen[2])
+            for bottom in (row, -1.3):
+                ax.add_patch(Rectangle((column - 0.48, bottom - 0.46), 0.96, 0.92, fill=False,
+                                       edgecolor=ORANGE, linewidth=1.4, zorder=3))
         ax.set_title(FLOORS[law], fontsize=8)
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)

@@ -1,75 +1,193 @@
-"""The small data of a campaign: its tables, and of the first run of some groups a few records.
+"""The small data of a campaign: what is done of it joins what is kept of it already.
 
-    python -m paper_runs.keep runs/campaign paper_runs/data/campaign --group shaking --records 13
+    python -m paper_runs.keep runs/campaign
+    python -m paper_runs.keep runs/campaign --group self-stabilizing --group shaking
 
-What is kept is laid out as a campaign's folder, so that the figures read either.  It cannot be
-resumed.
+A campaign can be done in parts, over days and on several machines, each in a folder of its own:
+every call adds to paper_runs/data/NAME the rows of the runs that are done, or that failed, and
+`tbsa campaign ... --except paper_runs/data/NAME/table.csv` leaves out those that are done.  Parts
+must be of one version, and of one setting for each of their groups.  A run that is kept stays as
+it is.
+
+With --group some records of the group's first run are kept too, of each of its scenes.  What is
+kept is laid out as a campaign's folder, so that the figures read either.  It cannot be resumed.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 import tbsa
+from paper_runs.tables import DATA
 from tbsa.errors import InputError
+from tbsa.model.records import write_atomically
+
+Row = dict[str, str]
+KEPT = ("done", "failed")
+NEEDED = ("run", "group", "scene", "seed", "duration", "fingerprint", "settings", "version",
+          "status")
+EMPTY = {"table": NEEDED, "curves": ("run", "time"), "wall": ("run", "wall", "time")}
 
 
 def keep(source: Path, target: Path, groups: Sequence[str], number: int) -> list[Path]:
-    """Copy the tables, and thinned runs; returns what was written."""
-    table = pd.read_csv(source / "table.csv")
+    """Add the tables of a campaign's runs, and thinned runs; returns what was written."""
+    listed = read(source / "table.csv", NEEDED)
+    new = [row for row in listed if row["status"] in KEPT]
+    old = read(target / "table.csv", NEEDED) if (target / "table.csv").exists() else []
+    before = {row["run"]: row for row in old}
+    taken = {row["run"]: row for row in new
+             if before.get(row["run"], row)["status"] == "failed" or row["run"] not in before}
+    rows = before | taken
+    # In the order of the campaign's file, which the source's table lists in full.
+    order = dict.fromkeys([*(row["run"] for row in listed if row["run"] in rows), *rows])
+    _one_provenance([rows[run] for run in order], source, target)
+
+    chosen = [(row["run"], source / "runs" / row["run"])
+              for row in _first(rows.values(), listed, groups, source, target)]
+    ended = {run for run, row in taken.items() if row["status"] == "done"}
+    files = {}
+    for name in ("curves", "wall"):
+        kept = target / f"{name}.csv"
+        parts: dict[str, list[Row]] = {}
+        for row in read(kept) if kept.exists() else []:
+            if row["run"] not in ended:
+                parts.setdefault(row["run"], []).append(row)
+        for row in read(source / f"{name}.csv"):
+            if row["run"] in ended:
+                parts.setdefault(row["run"], []).append(row)
+        files[name] = [row for run in order for row in parts.get(run, [])
+                       if rows[run]["status"] == "done"]
+    files["table"] = [rows[run] for run in order]  # last: what it has as done is there
+
     target.mkdir(parents=True, exist_ok=True)
     written = []
-    for name in ("table.csv", "curves.csv", "wall.csv"):
-        written.append(target / name)
-        shutil.copyfile(source / name, written[-1])
+    for run, folder in chosen:
+        written.append(thin(folder, target / "runs" / run, number))
+    for name, lines in files.items():
+        written.append(target / f"{name}.csv")
+        write_atomically(written[-1], _text(lines, name).encode())
+    return written
+
+
+def read(path: Path, needed: Sequence[str] = ("run",)) -> list[Row]:
+    """The rows of a table, as text: what is kept is kept to the bit."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"must be a table of a campaign: {reason}", file=str(path)) from None
+    for name in needed:
+        if name not in (reader.fieldnames or ()):
+            raise InputError("is not there; must be a column, as in the tables of a campaign",
+                             file=str(path), field=name)
+    return rows
+
+
+def _first(kept: Iterable[Row], listed: Iterable[Row], groups: Sequence[str], source: Path,
+           target: Path) -> list[Row]:
+    """The first run that is done of each group and scene, if there are no records of one yet."""
+    there = {(row["group"], row["scene"]) for row in kept
+             if (target / "runs" / row["run"] / "records.npy").exists()}
+    first: dict[tuple[str, str], Row] = {}
     for group in groups:
-        runs = table[(table["group"] == group) & (table["status"] == "done")]["run"]
-        if runs.empty:
+        mine = [row for row in listed if row["group"] == group and row["status"] == "done"]
+        if not mine and group not in {name for name, _ in there}:
             raise InputError("has no run that is done", file=str(source), field="--group",
                              value=group)
-        written.append(thin(source / "runs" / runs.iloc[0], target / "runs" / runs.iloc[0], number))
-    return written
+        for row in mine:
+            if (row["group"], row["scene"]) not in there:
+                first.setdefault((row["group"], row["scene"]), row)
+    return list(first.values())
+
+
+def _one_provenance(rows: Sequence[Row], source: Path, target: Path) -> None:
+    """One version in all; one setting for all runs of a group, but for their seeds."""
+    begun = [row for row in rows if row["version"]]  # what failed at once has none
+    for row in begun:
+        if row["version"] != begun[0]["version"]:
+            raise InputError(f"of {source} and of what is kept must be one; {row['run']} and "
+                             f"{begun[0]['run']} have {row['version']} and {begun[0]['version']}: "
+                             "keep them apart, in another target",
+                             file=str(target), field="version")
+    known: dict[tuple[str, ...], Row] = {}
+    for row in rows:
+        names = list(row)
+        set_ = names[names.index("scene") + 1 : names.index("seed")]
+        what = (row["group"], row["scene"],
+                *(f"{name}={row[name]}" for name in sorted(set_) if row[name]))
+        first = known.setdefault(what, row)
+        for name in ("settings", "duration"):
+            if row[name] != first[name]:
+                raise InputError(
+                    f"of {source} and of what is kept must be one in each group; {row['run']} and "
+                    f"{first['run']} have {row[name]} and {first[name]}: keep them apart, in "
+                    "another target", file=str(target), field=name)
+
+
+def _text(rows: Sequence[Row], name: str) -> str:
+    """Rows as CSV; of the tables' columns the fields that were set stay before the seed."""
+    names = list(dict.fromkeys(each for row in rows for each in row))
+    if name == "table" and rows:
+        head = dict.fromkeys(each for row in rows for each in list(row)[: list(row).index("seed")])
+        names = [*head, *(each for each in names if each not in head)]
+    out = io.StringIO()
+    writer = csv.DictWriter(out, names or EMPTY[name], restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return out.getvalue()
 
 
 def thin(source: Path, target: Path, number: int) -> Path:
     """Copy a run with `number` of its records, evenly spaced, the first and the last among them."""
     tbsa.read_run(source)  # whole and undamaged
-    target.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f"{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
     for name in ("scene.toml", "run.json", "layout.npz", "drive.py"):
         if (source / name).exists():
-            shutil.copyfile(source / name, target / name)
+            shutil.copyfile(source / name, part / name)
     records = np.load(source / "records.npy", mmap_mode="r")
-    chosen = np.linspace(0, len(records) - 1, number).round().astype(int)
-    np.save(target / "records.npy", records[chosen])
+    chosen = np.unique(np.linspace(0, len(records) - 1, number).round().astype(int))
+    np.save(part / "records.npy", records[chosen])
+    shutil.rmtree(target, ignore_errors=True)
+    part.rename(target)
     return target
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m paper_runs.keep",
-                                     description="Keep the small data of a campaign.")
+                                     description="Keep the small data of a campaign, or of a part.")
     parser.add_argument("source", type=Path, help="the campaign's folder")
-    parser.add_argument("target", type=Path, help="where the small data go")
+    parser.add_argument("target", type=Path, nargs="?",
+                        help="where the small data go (default: paper_runs/data/NAME)")
     parser.add_argument("--group", action="append", default=[],
                         help="also some records of this group's first run")
     parser.add_argument("--records", type=int, default=13, help="how many (default: 13)")
     arguments = parser.parse_args(argv)
+    target = arguments.target or DATA / arguments.source.resolve().name
     try:
         if arguments.records < 2:
             raise InputError("must be at least 2", field="--records", value=arguments.records)
-        written = keep(arguments.source, arguments.target, arguments.group, arguments.records)
+        written = keep(arguments.source, target, arguments.group, arguments.records)
     except (InputError, OSError) as error:
         print(f"keep: {error}", file=sys.stderr)
         return 2
-    size = sum(path.stat().st_size for path in arguments.target.rglob("*") if path.is_file())
-    print(f"{', '.join(map(str, written))}: {size / 1e6:.2f} MB")
+    statuses = [row["status"] for row in read(target / "table.csv")]
+    size = sum(path.stat().st_size for path in target.rglob("*") if path.is_file())
+    print(f"{', '.join(map(str, written))}")
+    print(f"{statuses.count('done')} runs done, {statuses.count('failed')} failed, "
+          f"{size / 1e6:.2f} MB")
     return 0
 
 

@@ -262,31 +262,12 @@ def test_the_papers_campaign_is_36_seeds_of_each_drive():
         runs = [each for each in plan if each.scene.drive.kind == drive]
         assert [each.scene.run.seed for each in runs] == list(range(1, 37))
         assert {each.tiles for each in runs} == {591}
+        assert len({each.settings for each in runs}) == 1
 
 
-def test_the_calibration_maps_both_drives_and_varies_the_readings():
-    plan = read_plan(ROOT / "paper_runs" / "calibration.toml")
-    maps = [each for each in plan if each.group.startswith("map")]
-    assert {each.scene.run.duration for each in maps} == {300.0}
-    for law in ("separate", "coupled"):
-        drives = [each.scene.drive for each in maps if each.scene.floor.law == law]
-        unicycle = [drive for drive in drives if drive.kind == "unicycle"]
-        forces, torques = ({getattr(drive, name) for drive in unicycle}
-                           for name in ("force", "torque"))
-        assert len(unicycle) == len(forces) * len(torques)
-        assert (min(forces), max(forces)) == (0.045, 0.25)
-        assert sorted(torques)[:2] == [0.0, 3e-5]
-        assert max(torques) == 6e-3
-        assert {drive.force for drive in drives if drive.kind == "shaking"} == forces
-    readings = [each for each in plan if not each.group.startswith("map")]
-    seeds = {len(each.scene.seed.cells) for each in readings}
-    assert seeds == {19, 36, 41}
-    assert {each.scene.magnet.cutoff for each in readings} == {0.02, 0.03, 0.045}
-    assert {each.scene.magnet.mismatch for each in readings} == {-1, 0}
-    assert len({each.scene.solver.substeps for each in readings}) > 1
-    assert len({each.scene.material.restitution_threshold for each in readings}) > 1
-    assert {each.scene.floor.angular_reading for each in readings} == {
-        "engine", "uniform-pressure"}
+def test_of_equally_long_runs_the_groups_take_turns():
+    plan = read_plan(ROOT / "paper_runs" / "campaign.toml")
+    assert [each.group for each in share(plan, (1, 1))] == ["self-stabilizing", "shaking"] * 36
 
 
 # ---------------------------------------------------------------------------------------------
@@ -696,7 +677,7 @@ def test_two_processes_on_one_campaign_are_refused(here, capsys):
                 ("holds a campaign already: go on with it (--resume)", ["campaign.toml"]),
                 (f"is in use: process {child.pid} on ", ["campaign.toml", "--resume"]),
                 ("is doing its runs", ["campaign.toml", "--resume", "--part", "2/3"]),
-                ("is at work with another plan", ["more.toml", "--resume", "--part", "4/5"])):
+                ("is at work with another plan", ["more.toml", "--resume", "--part", "2/5"])):
             assert main(["campaign", *arguments, "--out", "out"]) == 2
             err = capsys.readouterr().err
             assert err.startswith("tbsa: out: ")
@@ -830,6 +811,99 @@ def test_a_damaged_plan_is_refused(here, whole, capsys, text, words):
     assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
     assert words in capsys.readouterr().err
     assert contents("out") == before
+
+
+# ---------------------------------------------------------------------------------------------
+# In parts, in folders of their own.
+
+
+def test_what_a_table_has_as_done_is_left_out(here, whole, capsys):
+    rows = pd.read_csv(whole / "table.csv", dtype=str, keep_default_na=False)
+    rows[rows["group"] == "map"].to_csv("kept.csv", index=False)
+    assert main(["campaign", "campaign.toml", "--out", "out", "--except", "kept.csv"]) == 0
+    assert capsys.readouterr().out == (
+        "1 runs done, 0 failed, 4 done elsewhere; table in out/table.csv\n")
+    table = pd.read_csv("out/table.csv")
+    assert table["status"].tolist() == ["elsewhere"] * 4 + ["done"]
+    assert [path.parent.name for path in Path("out/runs").glob("*/*")] == ["other"]
+    # Without the table all that the folder lacks is done, and is what it would have been.
+    done("campaign.toml", "out", resume=True)
+    assert tables("out") == tables(whole)
+
+
+def test_nothing_is_left_to_do_where_all_is_done_elsewhere(here, whole):
+    result = done("campaign.toml", "out", without=whole / "table.csv")
+    assert (result.done, result.left) == (0, 0)
+    assert set(result.table["status"]) == {"elsewhere"}
+
+
+def test_a_run_done_elsewhere_for_a_shorter_time_is_done_here(here, whole):
+    Path("campaign.toml").write_text(CAMPAIGN.replace("8.0", "11.0"))
+    result = done("campaign.toml", "out", without=whole / "table.csv")
+    assert result.done == 1
+    assert result.table["time"].tolist()[-1] == 11.0
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (("[0.08, 0.1]", "[0.08]"), "is done there and is no run of this campaign"),
+    (("seeds = [1, 2]", 'seeds = [1, 2]\nset = {"magnet.cutoff" = 0.02}'),
+     "its scene has another setting now"),
+])
+def test_a_table_of_another_campaign_is_refused(here, whole, capsys, change, words):
+    Path("campaign.toml").write_text(CAMPAIGN.replace(*change))
+    table = whole / "table.csv"
+    assert main(["campaign", "campaign.toml", "--out", "out", "--except", str(table)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"tbsa: {table}: run: 'map/")
+    assert words in err
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (None, "must be the table.csv of a campaign: No such file"),
+    ("a,b\n1,2\n", "must be the table.csv of a campaign: KeyError 'status'"),
+    ("", "must be the table.csv of a campaign: EmptyDataError"),
+])
+def test_what_is_no_table_is_refused(here, capsys, text, words):
+    if text is not None:
+        Path("kept.csv").write_text(text)
+    assert main(["campaign", "campaign.toml", "--out", "out", "--except", "kept.csv"]) == 2
+    assert capsys.readouterr().err.startswith(f"tbsa: kept.csv: {words}")
+    assert not Path("out").exists()
+
+
+def test_runs_of_another_version_do_not_count_as_done(here, whole, monkeypatch):
+    monkeypatch.setattr(tbsa, "__version__", "9.9")
+    with pytest.raises(InputError, match=r"version: '.*' must be 9\.9, this version"):
+        done("campaign.toml", "out", without=whole / "table.csv")
+
+
+def test_the_tables_are_there_before_the_end(here, whole, monkeypatch):
+    class Slow(ThreadPoolExecutor):
+        def submit(self, function, job):
+            def later():
+                if job.scene.run.seed != 7:  # handed out first
+                    until(Path("out/table.csv").exists)
+                    seen.append(pd.read_csv("out/table.csv")["status"].tolist())
+                return function(job)
+            return super().submit(later)
+
+    seen = []
+    monkeypatch.setattr(module, "REFRESH", 0.0)
+    with Slow(1) as pool:
+        campaign("campaign.toml", "out", executor=pool)
+    assert seen[0] == ["waiting"] * 4 + ["done"]
+    assert tables("out") == tables(whole)
+
+
+def test_settings_are_one_for_all_seeds_and_for_nothing_else(here):
+    plan = planned(CAMPAIGN + '[[group]]\nname = "colour"\nseeds = [1]\n'
+                   'set = {"tiles.type[0].colour" = "red", "drive.force" = 0.1}\n')
+    settings = {each.name: each.settings for each in plan}
+    assert len(set(settings.values())) == 4  # two forces, shaking, other colours
+    assert plan[0].settings == plan[1].settings != plan[2].settings
+    longer = planned(CAMPAIGN.replace("8.0", "9.0"))
+    assert [each.settings for each in longer] == [each.settings for each in plan[:5]]
 
 
 # ---------------------------------------------------------------------------------------------

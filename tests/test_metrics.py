@@ -404,7 +404,18 @@ def test_the_table_has_one_row_a_record_with_the_time_in_front():
     assert frame.columns[0] == "time"
     for k in range(2):
         expected = metrics.assembly(scene, layout, x[k], y[k], angle[k]).row()
-        assert frame.iloc[k].drop("time").to_dict() == expected
+        assert frame.iloc[k].drop(["time", "joined", "left"]).to_dict() == expected
+    assert list(frame["joined"]) == [0, 0]
+    assert list(frame["left"]) == [0, 3]
+
+
+def test_events_are_counted_tile_by_tile_between_records():
+    attached = np.array([[1, 1, 0, 0], [1, 0, 1, 1], [1, 0, 1, 1], [0, 0, 0, 0]], dtype=bool)
+    joined, left = metrics.events(attached)
+    assert joined.tolist() == [0, 2, 0, 0]
+    assert left.tolist() == [0, 1, 0, 3]
+    assert (np.diff(attached.sum(axis=1)) == (joined - left)[1:]).all()
+    assert [each.tolist() for each in metrics.events(attached[:0])] == [[], []]
 
 
 def test_a_table_of_no_records_still_has_its_columns():

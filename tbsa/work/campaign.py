@@ -30,7 +30,9 @@ import shutil
 import signal
 import socket
 import threading
+import time
 import uuid
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -60,8 +62,10 @@ FORMAT = 1
 LOCKS = ".locks"
 POLL = 0.2  # s between looks at the workers
 PATIENCE = 60.0  # s that a worker waits for one of a dead campaign to save and let go of a run
+REFRESH = 60.0  # s between tables while runs are being done
 LIVES = 3  # times that a pool may break without a run done in between
 DONE, FAILED, STOPPED, WAITING = "done", "failed", "stopped", "waiting"
+ELSEWHERE = "elsewhere"  # done in another folder, whose table was named
 Outcomes = dict[str, tuple[str, str]]  # of runs by name: how they ended, and why if they failed
 
 
@@ -77,7 +81,7 @@ class Result:
 
 def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = None,
              jobs: int | None = None, resume: bool = False, part: tuple[int, int] = (1, 1),
-             progress: bool = False) -> Result:
+             without: str | Path | None = None, progress: bool = False) -> Result:
     """Do the runs of a campaign's file, the longest first.
 
     Parameters
@@ -95,6 +99,8 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
         longer ones.
     part
         (i, n), i from 1 to n: do the i-th of n shares only.
+    without
+        A table of the same campaign, done in parts: leave out the runs that are done there.
     progress
         Show a bar on a terminal.
 
@@ -111,7 +117,8 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
     if jobs is not None and jobs < 1:
         raise InputError("must be at least 1", field="jobs", value=jobs)
     plan = read_plan(path)
-    mine = share(plan, part)
+    elsewhere = done_in(without, plan) if without is not None else set()
+    mine = [each for each in share(plan, part) if each.name not in elsewhere]
     new = _against(plan, _stored(out, resume), str(path))
     left = sorted((each for each in mine if not _is_done(out, each)),
                   key=lambda each: -each.cost * (1.0 - _reached(out, each)))
@@ -123,24 +130,78 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
             _compile(left, str(path))
             stop.patient = True
         outcomes: Outcomes = {}
+        before = dict.fromkeys(elsewhere, (ELSEWHERE, ""))
+
+        def tables() -> pd.DataFrame:
+            with locked(out / LOCKS / "plan", wait=PATIENCE):
+                return _write_tables(out, plan, before | outcomes)
+
         with _session(out, plan, mine, str(path), resume) as session:
             try:
                 _do(left, out, session, executor, jobs, stop, _Bar(out, mine, left, progress),
-                    outcomes)
+                    outcomes, tables)
             finally:
-                with locked(out / LOCKS / "plan", wait=PATIENCE):
-                    table = _write_tables(out, plan, outcomes)
+                table = tables()
     failed = sum(status == FAILED for status, _ in outcomes.values())
     undone = sum(not _is_done(out, each) for each in mine)
     return Result(table, len(mine) - undone, failed, undone - failed)
 
 
 def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
-    """The i-th of n shares of about the same length, longest runs first."""
+    """The i-th of n shares of about the same length, longest runs first.
+
+    Of equally long runs the groups take turns, so that what is done halfway is half of each.
+    """
     i, n = part
     if not 1 <= i <= n:
         raise InputError("must be I/N, I from 1 to N", field="part", value=f"{i}/{n}")
-    return sorted(plan, key=lambda each: -each.cost)[i - 1 :: n]
+    place: Counter[str] = Counter()
+    turns = []
+    for each in plan:
+        turns.append(place[each.group])
+        place[each.group] += 1
+    order = sorted(range(len(plan)), key=lambda k: (-plan[k].cost, turns[k]))
+    return [plan[k] for k in order[i - 1 :: n]]
+
+
+def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
+    """The runs of a plan that a campaign's table, in this folder or another, has as done.
+
+    Raises
+    ------
+    InputError
+        Where the file is not such a table, or has runs that are done and not in the plan, or
+        done by another version: they and those to come could not stand in one table.
+    """
+    import pandas as pd
+
+    from tbsa import __version__
+
+    file = str(path)
+    try:
+        rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+        rows = rows[rows["status"] == DONE]
+        ended = [(str(group), str(mark), float(duration), str(version), str(run))
+                 for group, mark, duration, version, run in zip(
+                     rows["group"], rows["fingerprint"], rows["duration"], rows["version"],
+                     rows["run"], strict=True)]
+    except (OSError, ValueError, LookupError) as error:
+        reason = getattr(error, "strerror", None) or f"{type(error).__name__} {error}"
+        raise InputError(f"must be the table.csv of a campaign: {reason}", file=file) from None
+    planned = {(each.group, each.mark): each for each in plan}
+    found = set()
+    for group, mark, duration, version, name in ended:
+        each = planned.get((group, mark))
+        if each is None:
+            raise InputError("is done there and is no run of this campaign: its scene has another "
+                             "setting now, or is gone; take the setting back, or leave this table "
+                             "aside", file=file, field="run", value=name)
+        if version != __version__:
+            raise InputError(f"must be {__version__}, this version: runs of two versions do not go "
+                             "into one table", file=file, field="version", value=version)
+        if duration >= each.scene.run.duration:
+            found.add(each.name)
+    return found
 
 
 # ---------------------------------------------------------------------------------------------
@@ -390,7 +451,8 @@ def _in_pool() -> None:
 
 
 def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None,
-        jobs: int | None, stop: Stop, bar: _Bar, ended: Outcomes) -> None:
+        jobs: int | None, stop: Stop, bar: _Bar, ended: Outcomes,
+        tables: Callable[[], object]) -> None:
     """Have the runs done; `ended` is told how those ended that did."""
     home = out.resolve()
     todo = {each.name: Job(
@@ -402,7 +464,7 @@ def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None
             before = len(todo)
             try:
                 with _pool(executor, min(jobs or _cores(), len(todo))) as workers:
-                    _hand_out(workers, todo, ended, session, stop, bar)
+                    _hand_out(workers, todo, ended, session, stop, bar, tables)
                 break
             except BrokenExecutor as error:
                 lives = LIVES if len(todo) < before else lives - 1
@@ -425,12 +487,17 @@ def _pool(executor: Executor | None, processes: int) -> Iterator[Executor]:
 
 
 def _hand_out(workers: Executor, todo: dict[str, Job], ended: Outcomes,
-              session: Path, stop: Stop, bar: _Bar) -> None:
-    """Submit all, longest first, and take back what is done, until all is or a stop is asked."""
+              session: Path, stop: Stop, bar: _Bar, tables: Callable[[], object]) -> None:
+    """Submit all, longest first, and take back what is done, until all is or a stop is asked.
+
+    The tables are brought up to date now and then: a campaign that is killed leaves those of the
+    runs that it had done.
+    """
     with _deaf():
         futures: dict[Future[tuple[str, str]], str] = {
             workers.submit(work, job): name for name, job in todo.items()}
     waiting = set(futures)
+    written, known = time.monotonic(), len(ended)
     while waiting:
         done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
         for future in done:
@@ -454,6 +521,10 @@ def _hand_out(workers: Executor, todo: dict[str, Job], ended: Outcomes,
             for future in waiting:
                 future.cancel()
         bar.show(ended)
+        if len(ended) > known and time.monotonic() > written + REFRESH:
+            with contextlib.suppress(OSError, Busy):  # of a full disk the end will tell
+                tables()
+            written, known = time.monotonic(), len(ended)
 
 
 @contextlib.contextmanager
@@ -538,7 +609,7 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
             **{name: json.dumps(value) if isinstance(value, list) else value
                for name, value in each.fields},
             "seed": each.scene.run.seed, "duration": each.scene.run.duration,
-            "tiles": each.tiles, "fingerprint": each.mark,
+            "tiles": each.tiles, "fingerprint": each.mark, "settings": each.settings,
             "version": info["version"] if info else None, "status": status, "message": message}
         if done and info:
             frame = pd.DataFrame(_read_csv(_folder(out, each) / "metrics.csv"))
@@ -553,13 +624,14 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
     first = ["run", "group", "scene"]
     fields = list(dict.fromkeys(name for each in plan for name, _ in each.fields))
     names = list(dict.fromkeys(name for row in rows for name in row if name not in fields))
-    table = pd.DataFrame(rows, columns=[*first, *fields, *names[len(first):]])
+    # As objects: an integer stays one, whether another run has the value or not.
+    table = pd.DataFrame(rows, columns=[*first, *fields, *names[len(first):]], dtype=object)
     for name, frame in (
             ("table", table),
             ("curves", pd.concat(curves) if curves else pd.DataFrame(columns=["run", "time"])),
             ("wall", pd.DataFrame(walls, columns=["run", "wall", "time"]))):
         write_atomically(out / f"{name}.csv", frame.to_csv(index=False).encode())
-    return table
+    return table.infer_objects()
 
 
 def _read_csv(path: Path) -> list[dict[str, Any]]:

@@ -78,6 +78,9 @@ def _parser() -> argparse.ArgumentParser:
                           help="let the workers of this dask.distributed scheduler do the runs")
     campaign.add_argument("--part", metavar="I/N", default="1/1",
                           help="do the I-th of N shares of the runs, as one job of an array")
+    campaign.add_argument("--except", metavar="TABLE", dest="without", type=Path,
+                          help="leave out the runs that this table of the same campaign, done in "
+                          "parts, has as done")
     campaign.add_argument("--quiet", action="store_true", help="no progress bar")
     campaign.set_defaults(command=_campaign)
 
@@ -184,7 +187,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _campaign(arguments: argparse.Namespace) -> int:
-    from tbsa.work.campaign import FAILED, campaign
+    from tbsa.work.campaign import ELSEWHERE, FAILED, campaign
 
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", arguments.part)
     if match is None:
@@ -199,17 +202,20 @@ def _campaign(arguments: argparse.Namespace) -> int:
         result = campaign(
             arguments.config, arguments.out, executor=executor, jobs=arguments.jobs,
             resume=arguments.resume, part=(int(match[1]), int(match[2])),
-            progress=not arguments.quiet)
+            without=arguments.without, progress=not arguments.quiet)
     rows = result.table[result.table["status"] == FAILED]
     for name, message in zip(rows["run"], rows["message"], strict=True):
         print(f"tbsa: {name} failed: {message}", file=sys.stderr)
     if result.left:
         again = ["tbsa", "campaign", str(arguments.config), "--out", str(arguments.out),
-                 *(("--part", arguments.part) if arguments.part != "1/1" else ()), "--resume"]
+                 *(("--part", arguments.part) if arguments.part != "1/1" else ()),
+                 *(("--except", str(arguments.without)) if arguments.without else ()), "--resume"]
         print(f"stopped and saved, {result.left} runs to go; go on with\n  {shlex.join(again)}",
               file=sys.stderr)
         return 130
-    print(f"{result.done} runs done, {result.failed} failed; table in "
+    others = int((result.table["status"] == ELSEWHERE).sum())
+    print(f"{result.done} runs done, {result.failed} failed"
+          f"{f', {others} done elsewhere' if others else ''}; table in "
           f"{arguments.out / 'table.csv'}")
     return 1 if result.failed else 0
 

@@ -231,7 +231,7 @@ def size(scene: Scene, layout: Layout, x: Floats, y: Floats, angle: Floats) -> i
 def table(
     scene: Scene, layout: Layout, time: Floats, x: Floats, y: Floats, angle: Floats
 ) -> pd.DataFrame:
-    """One row of :meth:`Assembly.row` a record, after its ``time``.
+    """One row of :meth:`Assembly.row` a record, after its ``time``, and before its :func:`events`.
 
     Parameters
     ----------
@@ -258,12 +258,37 @@ def table(
             value=(time.shape, x.shape, y.shape, angle.shape),
         )
     truth = None if scene.seed is None else ground_truth(scene)
-    rows = (
-        {"time": time[k], **assembly(scene, layout, x[k], y[k], angle[k], truth).row()}
-        for k in range(len(time))
-    )
     start = assembly(scene, layout, layout.x, layout.y, layout.angle, truth)
-    return pd.DataFrame(rows, columns=["time", *start.row()])  # named even if there are no rows
+    attached = np.zeros((len(time), len(layout.x)), dtype=np.bool_)
+    rows = []
+    for k in range(len(time)):
+        found = assembly(scene, layout, x[k], y[k], angle[k], truth)
+        attached[k] = found.attached
+        rows.append({"time": time[k], **found.row()})
+    frame = pd.DataFrame(rows, columns=["time", *start.row()])  # named even if there are no rows
+    frame["joined"], frame["left"] = events(attached)
+    return frame
+
+
+def events(attached: Mask) -> tuple[Ints, Ints]:
+    """Tiles that have joined the assembly, and that have left it, since the record before.
+
+    Parameters
+    ----------
+    attached
+        Which tiles are attached at each record, bool[k, n].
+
+    Returns
+    -------
+    joined, left
+        int64[k] each; 0 at the first record.  What joins and leaves between two records is not
+        seen, so that these are lower bounds; their difference is the change in size.
+    """
+    now, before = attached[1:], attached[:-1]
+    joined, left = np.zeros((2, len(attached)), dtype=np.int64)
+    joined[1:] = (now & ~before).sum(axis=1)
+    left[1:] = (before & ~now).sum(axis=1)
+    return joined, left
 
 
 def _record(layout: Layout, x: Floats, y: Floats, angle: Floats) -> tuple[Floats, Floats, Floats]:

@@ -80,9 +80,13 @@ class Planned:
 
         Free to change are the title, the checkpoints, and the duration, which may grow.
         """
-        scene = replace(self.scene, title="", run=replace(self.scene.run, duration=1.0),
-                        record=Record(self.scene.record.interval, self.scene.record.interval))
-        return hashlib.sha256(f"{self.mark} {dumps(scene)}".encode()).hexdigest()[:16]
+        return _digest(self.mark, self.scene)
+
+    @cached_property
+    def settings(self) -> str:
+        """As `kept`, for whatever seed: the same for runs that are samples of one thing."""
+        scene = replace(self.scene, run=replace(self.scene.run, seed=1))
+        return _digest(fingerprint(scene), scene)
 
     @property
     def tiles(self) -> int:
@@ -96,6 +100,13 @@ class Planned:
         """What the run takes, in tiles times substeps."""
         solver = self.scene.solver
         return self.tiles * self.scene.run.duration / solver.step * solver.substeps
+
+
+def _digest(mark: str, scene: Scene) -> str:
+    """A hash of the fingerprint, colours, temperature and interval of records."""
+    bare = replace(scene, title="", run=replace(scene.run, duration=1.0),
+                   record=Record(scene.record.interval, scene.record.interval))
+    return hashlib.sha256(f"{mark} {dumps(bare)}".encode()).hexdigest()[:16]
 
 
 def seeds_of(stream: str, number: int) -> list[int]:

@@ -1,0 +1,152 @@
+"""95 % intervals over runs.
+
+The unit is the run: tiles of one run are not independent of each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+LEVEL = 0.95
+RESAMPLES = 10_000
+FEW = 10  # runs that differ from zero; below, a bootstrap of them would be too narrow
+
+
+class Estimate(NamedTuple):
+    """A value and its interval; ends that are not a number where `n` is too small for one."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+    def scaled(self, factor: float) -> Estimate:
+        """In another unit; `factor` is positive."""
+        return Estimate(self.value * factor, self.low * factor, self.high * factor, self.n)
+
+    def __str__(self) -> str:
+        if math.isnan(self.low):
+            return number(self.value)
+        return f"{number(self.value)} ({number(self.low)} to {number(self.high)})"
+
+
+def number(value: float) -> str:
+    """Three significant digits, or all before the point."""
+    if math.isnan(value):
+        return "–"
+    digits = 2 if value == 0 or not math.isfinite(value) else (
+        2 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{min(max(digits, 0), 3)}f}"
+    return text.replace("-", "−") if float(text) else text.lstrip("-")
+
+
+def _known(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=float)
+    return array[~np.isnan(array)]
+
+
+def mean(values: ArrayLike) -> Estimate:
+    """The mean, by Student's t; values that are not a number are left out."""
+    known = _known(values)
+    n = len(known)
+    if n < 2:
+        return Estimate(float(known[0]) if n else math.nan, math.nan, math.nan, n)
+    half = float(stats.t.ppf(0.5 + LEVEL / 2, n - 1)) * known.std(ddof=1) / math.sqrt(n)
+    return Estimate(float(known.mean()), float(known.mean() - half), float(known.mean() + half), n)
+
+
+def difference(a: ArrayLike, b: ArrayLike) -> Estimate:
+    """The mean of `a` less that of `b`, by Welch's t: unequal variances, independent samples."""
+    first, second = _known(a), _known(b)
+    n = min(len(first), len(second))
+    value = float(first.mean() - second.mean()) if n else math.nan
+    if n < 2:
+        return Estimate(value, math.nan, math.nan, n)
+    parts = [each.var(ddof=1) / len(each) for each in (first, second)]
+    total = sum(parts)
+    if total == 0.0:
+        return Estimate(value, value, value, n)
+    freedom = total**2 / sum(part**2 / (len(each) - 1)
+                             for part, each in zip(parts, (first, second), strict=True))
+    half = float(stats.t.ppf(0.5 + LEVEL / 2, freedom)) * math.sqrt(total)
+    return Estimate(value, value - half, value + half, n)
+
+
+def bootstrap(samples: Sequence[ArrayLike], statistic: Callable[..., float]) -> Estimate:
+    """A statistic of independent samples, by percentiles over resampled runs.
+
+    The same data give the same interval.
+    """
+    arrays = [np.asarray(each, dtype=float) for each in samples]
+    n = min(len(each) for each in arrays)
+    value = float(statistic(*arrays)) if n else math.nan
+    if n < 2:
+        return Estimate(value, math.nan, math.nan, n)
+    random = np.random.default_rng(0)
+    found = [statistic(*(each[random.integers(len(each), size=len(each))] for each in arrays))
+             for _ in range(RESAMPLES)]
+    low, high = np.quantile(found, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+    return Estimate(value, float(low), float(high), n)
+
+
+def share(count: int, n: int) -> Estimate:
+    """A share of `n` independent runs, by Clopper and Pearson."""
+    if n == 0:
+        return Estimate(math.nan, math.nan, math.nan, 0)
+    tail = 0.5 - LEVEL / 2
+    low = float(stats.beta.ppf(tail, count, n - count + 1)) if count else 0.0
+    high = float(stats.beta.ppf(1 - tail, count + 1, n - count)) if count < n else 1.0
+    return Estimate(count / n, low, high, n)
+
+
+def percent(counts: ArrayLike, sizes: ArrayLike) -> Estimate:
+    """The mean over runs of a count in per cent of a size, where most counts may be 0.
+
+    A bootstrap over the runs if at least `FEW` have a count.  With fewer it would know of no
+    other values than those few, and of none at all of zero only: then the interval of a weighted
+    sum of Poisson counts (M. P. Fay and E. J. Feuer, Statistics in Medicine 16, 791, 1997; for
+    equal sizes Garwood's exact one).  It takes the counted things as independent, which is the
+    least that has to be assumed to say anything.  Runs of size 0 have no percentage and are left
+    out.
+    """
+    count, size = np.asarray(counts, dtype=float), np.asarray(sizes, dtype=float)
+    count, size = count[size > 0], size[size > 0]
+    n = len(count)
+    if n == 0:
+        return Estimate(math.nan, math.nan, math.nan, 0)
+    if (count > 0).sum() >= FEW:
+        return bootstrap([100.0 * count / size], np.mean)
+    weight, tail = 100.0 / (n * size), 0.5 - LEVEL / 2
+    y, v, w = float(weight @ count), float(weight**2 @ count), float(weight.max())
+    low = v / (2 * y) * float(stats.chi2.ppf(tail, 2 * y**2 / v)) if y else 0.0
+    above, spread = y + w, v + w**2
+    high = spread / (2 * above) * float(stats.chi2.ppf(1 - tail, 2 * above**2 / spread))
+    return Estimate(y, low, high, n)
+
+
+def slopes(time: ArrayLike, curves: ArrayLike, begin: float, end: float) -> NDArray[np.float64]:
+    """The slope of a straight line through each curve from `begin` to `end`.
+
+    Parameters
+    ----------
+    time
+        [k], in s.
+    curves
+        [n, k].
+
+    Returns
+    -------
+    float64[n], a second; not a number where fewer than three times fall between.
+    """
+    at, values = np.asarray(time, dtype=float), np.asarray(curves, dtype=float)
+    within = (at >= begin) & (at <= end)
+    if within.sum() < 3:
+        return np.full(len(values), math.nan)
+    centred = at[within] - at[within].mean()
+    return np.asarray(values[:, within] @ centred / (centred @ centred), dtype=np.float64)

@@ -1,0 +1,191 @@
+"""The paper's figures of merit against ours, from the data that were kept of the campaign.
+
+    python -m paper_runs.merit
+    python -m paper_runs.merit --data paper_runs/data/campaign --out paper_runs/merit.md
+
+Ours stand with 95 % intervals over runs.  A figure is reached if the whole interval lies in the
+range that the printed value stands for (``paper_runs.paper``), not reached if it lies outside,
+and open if it reaches across.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from paper_runs import paper
+from paper_runs.intervals import (
+    Estimate,
+    bootstrap,
+    difference,
+    mean,
+    number,
+    percent,
+    share,
+    slopes,
+)
+from paper_runs.paper import DURATION, END, RUNS, SELF, SHAKING, Figure
+from paper_runs.tables import DATA, HERE, against_plan, curves, load, markdown
+from tbsa.errors import InputError
+from tbsa.model.records import write_atomically
+
+Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
+HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
+RULES = f"""Intervals are over runs. Sizes and slopes: Student's t; differences: Welch's. Errors and
+holes are means over runs of per cent of each run's size, by bootstrap over runs if at least ten of
+them have any, else from the Poisson interval of the counts of all runs; the share of runs that
+have any stands below, with its exact binomial interval. *Still growing*: the slope of size
+over the last third of the run, a straight line through each run's records, is above zero.
+*Decreasing rate*: it is below that of the second third. *Saturated*: what the slope adds over the
+last third is within {paper.STEADY:g} % of the mean end size."""
+
+
+def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]]:
+    """What is measured, what the paper reports, ours, and the unit."""
+    found = []
+    for drive, table in drives.items():
+        found += [
+            (f"{drive}: attached tiles at the end", END[drive]["size"], mean(table["size"]), ""),
+            (f"{drive}: errors at the end", END[drive]["errors"],
+             percent(table["errors"], table["size"]), "%"),
+            (f"{drive}: holes at the end", END[drive]["holes"],
+             percent(table["holes"], table["size"]), "%")]
+        early, late, gain = growth(folder, table)
+        if drive == SELF:
+            found += [(f"{drive}: still growing (slope, tiles in 1000 s)", paper.GROWING,
+                       mean(1000.0 * late), ""),
+                      (f"{drive}: growth slows down (change of slope)", paper.SLOWING,
+                       mean(1000.0 * (late - early)), "")]
+        else:
+            found.append((f"{drive}: saturated (gain over the last third)", paper.SATURATED,
+                          mean(gain), "%"))
+    ours, theirs = drives[SELF], drives[SHAKING]
+    ratio = END[SELF]["size"].value / END[SHAKING]["size"].value
+    found += [
+        ("size, self-stabilizing over shaking", Figure(f"more than {ratio:.1f}", ratio, ratio,
+                                                       math.inf),
+         bootstrap([ours["size"], theirs["size"]], _ratio), ""),
+        ("errors, self-stabilizing less shaking", paper.LESS,
+         difference(_percent(ours, "errors"), _percent(theirs, "errors")), "points"),
+        ("holes, self-stabilizing less shaking", paper.MORE,
+         difference(_percent(ours, "holes"), _percent(theirs, "holes")), "points")]
+    return found
+
+
+def _ratio(a: np.ndarray, b: np.ndarray) -> float:
+    return float(a.mean() / b.mean()) if b.any() else math.nan
+
+
+def _percent(table: pd.DataFrame, name: str) -> pd.Series[float]:
+    return 100.0 * table[name] / table["size"].where(table["size"] > 0)
+
+
+def growth(folder: Path, table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every run: slope of size in the second and in the last third (tiles/s), gain.
+
+    The gain is what the last slope adds over its third, in per cent of the mean end size.
+    """
+    if table.empty:
+        nothing = np.zeros(0)
+        return nothing, nothing, nothing
+    time, sizes = curves(folder, table, "size")
+    end = float(time[-1])
+    early = slopes(time, sizes, end / 3, 2 * end / 3)
+    late = slopes(time, sizes, 2 * end / 3, end)
+    size = float(table["size"].mean())
+    return early, late, late * (100.0 * end / 3 / size if size else math.nan)
+
+
+def _beside(drives: Drives) -> list[str]:
+    """What stands beside the paper's figures."""
+    lines = []
+    for drive, table in drives.items():
+        if table.empty:
+            continue
+        n = len(table)
+        line = [drive, f"{number(table['size'].std())}" if n > 1 else "–",
+                f"{table['size'].min():.0f} to {table['size'].max():.0f}"]
+        line += [str(share(int((table[name] > 0).sum()), n).scaled(100.0))
+                 for name in ("errors", "holes")]
+        line += [number(float(table[name].mean())) if name in table else "–"
+                 for name in ("total", "size_contact", "wrongly_turned", "off_lattice")]
+        lines.append(line)
+    return markdown(("at the end", "size, standard deviation", "size, from to",
+                     "% of runs with an error", "% of runs with a hole", "with the seed",
+                     "by contact", "wrongly turned", "off the lattice"), lines)
+
+
+def _walls(folder: Path, drives: Drives) -> list[str]:
+    path = folder / "wall.csv"
+    if not path.exists():
+        return []
+    wall = pd.read_csv(path).set_index("run")["wall"]
+    hours = {drive: float(wall.reindex(table["run"]).sum()) / 3600.0
+             for drive, table in drives.items()}
+    total = sum(hours.values())
+    if not total:
+        return []
+    parts = ", ".join(f"{drive} {each:.2f} h ({100 * each / total:.0f} %)"
+                      for drive, each in hours.items())
+    return ["", f"Wall time of the runs, one core each: {total:.2f} h, which is {total / 2:.2f} h "
+            f"on 2 cores: {parts}."]
+
+
+def report(folder: Path, plan: Path) -> str:
+    """The table of figures of merit, in Markdown."""
+    table = load(folder)
+    state, _ = against_plan(plan, table)
+    ended = table[table["status"] == "done"]
+    drives = {drive: ended[ended["group"] == drive] for drive in (SELF, SHAKING)}
+    lines = ["# The paper's figures of merit", "", *state]
+    short = sorted({float(time) for each in drives.values() for time in each["duration"]}
+                   - {DURATION})
+    if short:
+        lines += ["", f"**Runs end at {', '.join(f'{each:g}' for each in short)} s, the paper's at "
+                  f"{DURATION:g} s: no figure counts as reached or not.**"]
+    elif any(len(each) < RUNS for each in drives.values()):
+        lines += ["", f"The paper has {RUNS} runs of each drive: this is preliminary."]
+    lines += ["", *markdown(HEAD, [
+        (what, figure.text, _range(figure), f"{ours} {unit}".strip(), ours.n,
+         "–" if short else figure.verdict(ours))
+        for what, figure, ours, unit in rows(folder, drives)])]
+    return "\n".join([*lines, "", RULES, "", *_beside(drives), *_walls(folder, drives), ""])
+
+
+def _range(figure: Figure) -> str:
+    if math.isinf(figure.high):
+        return f"above {figure.low:.3g}"
+    if math.isinf(figure.low):
+        return f"below {figure.high:.3g}"
+    return f"{figure.low:.3g} to {figure.high:.3g}".replace("-", "−")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m paper_runs.merit",
+                                     description="The paper's figures of merit against ours.")
+    parser.add_argument("--data", type=Path, default=DATA / "campaign",
+                        help="what was kept of the campaign (default: paper_runs/data/campaign)")
+    parser.add_argument("--plan", type=Path, default=HERE / "campaign.toml",
+                        help="the campaign's file (default: paper_runs/campaign.toml)")
+    parser.add_argument("--out", type=Path, help="also write it there")
+    arguments = parser.parse_args(argv)
+    try:
+        text = report(arguments.data, arguments.plan)
+        if arguments.out:
+            write_atomically(arguments.out, text.encode())
+    except (InputError, OSError) as error:
+        print(f"merit: {error}", file=sys.stderr)
+        return 2
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,55 @@
+"""What the paper reports (Section V, Results), and how exactly.
+
+A printed number stands for a range of values: one that ours must lie in for the figure to be
+reached.  Per cent are given to the half ("0", "0.5", "1.5 %"), read off averaged curves, so that
+each stands for a quarter more or less.  "Approximately 35 tiles" is 30 to 40.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from paper_runs.intervals import Estimate
+
+SELF, SHAKING = "self-stabilizing", "shaking"  # groups of campaign.toml
+SCENES = {"self_stabilizing.toml": SELF, "shaking.toml": SHAKING}
+RUNS, DURATION = 36, 3600.0  # of each drive; s
+STEADY = 10.0  # per cent of the size, over the last third: what still counts as saturated
+
+
+class Figure(NamedTuple):
+    """One figure of merit: as printed, its number, and the range that it stands for."""
+
+    text: str
+    value: float
+    low: float
+    high: float
+
+    def verdict(self, ours: Estimate) -> str:
+        """"reached" if our interval lies inside the range, "not reached" if outside."""
+        if math.isnan(ours.value):
+            return "no data"
+        inside = self.low <= ours.value <= self.high
+        if math.isnan(ours.low):
+            return f"one run only, {'inside' if inside else 'outside'}"
+        if self.low <= ours.low and ours.high <= self.high:
+            return "reached"
+        if ours.high < self.low or ours.low > self.high:
+            return "not reached"
+        return f"open, our mean is {'inside' if inside else 'outside'}"
+
+
+END = {  # at 3600 s, by drive and column of the tables
+    SELF: {"size": Figure("more than 130", 130.0, 130.0, math.inf),
+           "errors": Figure("0 %", 0.0, 0.0, 0.25),
+           "holes": Figure("1.5 %", 1.5, 1.25, 1.75)},
+    SHAKING: {"size": Figure("about 35", 35.0, 30.0, 40.0),
+              "errors": Figure("0.5 %", 0.5, 0.25, 0.75),
+              "holes": Figure("0 %", 0.0, 0.0, 0.25)},
+}
+GROWING = Figure("did not reach its limit", math.nan, 0.0, math.inf)  # slope
+SLOWING = Figure("at a decreasing rate", math.nan, -math.inf, 0.0)  # change of slope
+SATURATED = Figure("reaches a limit", 0.0, -STEADY, STEADY)  # gain over the last third, per cent
+MORE = Figure("more than shaking", math.nan, 0.0, math.inf)
+LESS = Figure("less than shaking", math.nan, -math.inf, 0.0)

@@ -1,0 +1,103 @@
+"""Do the statistics depend on the step?  End sizes at the step against those at half of it.
+
+    python -m paper_runs.step_study
+
+For each drive: the difference of the mean end sizes with Welch's 95 % interval, which should
+contain 0 and be narrower than 10 % of the mean to either side.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from paper_runs.intervals import Estimate, difference, mean, number
+from paper_runs.tables import DATA, HERE, against_plan, load, markdown
+from tbsa.errors import InputError
+from tbsa.model.records import write_atomically
+
+STEP = "solver.step"
+NARROW = 10.0  # per cent of the mean, to either side
+LEAST = 12  # seeds of each step
+HEAD = ("drive", "step (s)", "runs", "mean end size (95 %)", "standard deviation")
+VERDICT = ("drive", "half the step less the step", "% of the mean (95 %)", "contains 0",
+           f"within ±{NARROW:g} %", "seeds for that width")
+
+
+def study(table: pd.DataFrame) -> tuple[list[Sequence[object]], list[Sequence[object]]]:
+    """Rows of both tables, from the runs that are done."""
+    sizes, verdicts = [], []
+    for drive in dict.fromkeys(table["drive"]):
+        mine = table[table["drive"] == drive]
+        steps = sorted(set(mine[STEP]), reverse=True)
+        arms = [mine[mine[STEP] == step]["size"] for step in steps]
+        for step, arm in zip(steps, arms, strict=True):
+            sizes.append((drive, f"{step:.3g} (1/{1 / step:.0f})", len(arm), mean(arm),
+                          number(float(arm.std())) if len(arm) > 1 else "–"))
+        if len(arms) != 2:
+            verdicts.append((drive, f"needs two steps, has {len(arms)}", *["–"] * 4))
+            continue
+        middle = 0.5 * (arms[0].mean() + arms[1].mean())
+        off = difference(arms[1], arms[0])
+        part = off.scaled(100.0 / middle) if middle else off
+        verdicts.append((drive, off, part, *judged(part)))
+    return sizes, verdicts
+
+
+def judged(part: Estimate) -> tuple[str, str, str]:
+    """Whether the difference (per cent) contains 0, is narrow, and the seeds that it would take.
+
+    The width falls with the square root of the number of seeds.
+    """
+    if math.isnan(part.low):
+        return "–", "–", "–"
+    half = 0.5 * (part.high - part.low)
+    wanted = max(math.ceil(part.n * (half / NARROW) ** 2), LEAST)
+    enough = "" if part.n >= LEAST else f", of {part.n} seeds only"
+    return ("yes" if part.low <= 0.0 <= part.high else "no",
+            f"{'yes' if half <= NARROW else 'no'} (±{number(half)}){enough}", str(wanted))
+
+
+def report(folder: Path, plan: Path) -> str:
+    """The study in Markdown."""
+    table = load(folder)
+    if STEP not in table:
+        raise InputError("is not there; must be a column: the campaign varies the step",
+                         file=str(folder / "table.csv"), field=STEP)
+    state, _ = against_plan(plan, table)
+    ended = table[table["status"] == "done"]
+    sizes, verdicts = study(ended)
+    times = ", ".join(f"{each:g}" for each in sorted(set(ended["duration"])))
+    return "\n".join(["# End sizes and the step", "", *state, "",
+                      f"Attached tiles after {times or '–'} s.", "",
+                      *markdown(HEAD, sizes), "", *markdown(VERDICT, verdicts), ""])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m paper_runs.step_study",
+                                     description="End sizes at the step and at half of it.")
+    parser.add_argument("--data", type=Path, default=DATA / "step",
+                        help="what was kept of the campaign (default: paper_runs/data/step)")
+    parser.add_argument("--plan", type=Path, default=HERE / "step.toml",
+                        help="the campaign's file (default: paper_runs/step.toml)")
+    parser.add_argument("--out", type=Path, help="also write it there")
+    arguments = parser.parse_args(argv)
+    try:
+        text = report(arguments.data, arguments.plan)
+        if arguments.out:
+            write_atomically(arguments.out, text.encode())
+    except (InputError, OSError) as error:
+        print(f"step_study: {error}", file=sys.stderr)
+        return 2
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

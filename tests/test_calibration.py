@@ -1,0 +1,820 @@
+"""Calibration, figures of merit, step and parts: what is made of the tables of campaigns."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from synthetic import ending, tables
+from test_campaign import CAMPAIGN, SCENE, SHAKING
+
+import tbsa
+from figures import elsewhere, events, families, frequency, more_tiles, style
+from figures import maps as maps_figure
+from paper_runs import calibrate, intervals, keep, merit, step_study
+from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
+from paper_runs.paper import DURATION, SELF
+from paper_runs.paper import SHAKING as SHAKEN
+from paper_runs.tables import HERE, against_plan, load
+from tbsa.model.layout import initial_layout
+from tbsa.model.scene import Run
+from tbsa.model.tiles import check, ground_truth
+from tbsa.work.campaign import campaign
+from tbsa.work.plan import read_plan
+
+FILES = [path for path in sorted(HERE.glob("*.toml")) if "[[group]]" in path.read_text()]
+UNDIRECTED = {"family-random", "families", "families-oriented"}  # two types with the same glues
+
+
+# ---------------------------------------------------------------------------------------------
+# The campaigns' files.
+
+
+def different(plan):
+    """The first run of each layout and pattern."""
+    return {(each.scene.types, each.scene.seed, each.scene.reactor, each.scene.free): each
+            for each in reversed(plan)}.values()
+
+
+def test_there_are_the_campaigns_that_the_documents_name():
+    names = {path.name for path in FILES}
+    assert names >= {"campaign.toml", "calibration.toml", "readings.toml", "step.toml",
+                     "beyond.toml", "more_tiles.toml"}
+    text = (HERE / "README.md").read_text()
+    assert all(name in text for name in names)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_every_scene_of_a_campaign_is_valid_and_its_pattern_is_the_only_one(path):
+    for each in different(read_plan(path)):
+        layout = initial_layout(each.scene)
+        truth = ground_truth(each.scene)
+        assert layout.x.size == each.tiles
+        assert truth.directed == (each.group not in UNDIRECTED)
+        assert len(truth.types) - len(truth.seed) >= 64  # sites
+
+
+def test_the_calibration_maps_both_drives_on_both_floors():
+    plan = read_plan(HERE / "calibration.toml")
+    assert {each.scene.run.duration for each in plan} == {300.0}
+    for law in ("separate", "coupled"):
+        drives = [each.scene.drive for each in plan if each.scene.floor.law == law]
+        unicycle = [drive for drive in drives if drive.kind == "unicycle"]
+        forces, torques = ({getattr(drive, name) for drive in unicycle}
+                           for name in ("force", "torque"))
+        assert len(unicycle) == len(forces) * len(torques)
+        assert (min(forces), max(forces)) == (0.045, 0.25)
+        assert sorted(torques)[:2] == [0.0, 3e-5]
+        assert max(torques) == 6e-3
+        steps = np.diff(np.log(sorted(torques)[1:]))
+        assert steps.max() < 1.3
+        assert {drive.force for drive in drives if drive.kind == "shaking"} == forces
+
+
+def test_the_maps_do_not_depend_on_the_force_and_torque_of_the_scenes():
+    for each in read_plan(HERE / "calibration.toml"):
+        given = dict(each.fields)
+        assert "drive.force" in given
+        assert each.scene.drive.kind == "shaking" or "drive.torque" in given
+        assert LAW in given
+
+
+def test_the_readings_are_those_that_are_to_be_varied_and_each_changes_something():
+    plan = read_plan(HERE / "readings.toml")
+    base = [each for each in plan if each.group == "base"]
+    others = [each for each in plan if each.group != "base"]
+    assert {each.scene.drive.kind for each in base} == {"unicycle", "shaking"}
+    assert not {each.settings for each in others} & {each.settings for each in base}
+    assert len({each.mark for each in plan}) == len(plan)
+    assert {len(each.scene.seed.cells) for each in plan} == {19, 36, 41}
+    assert {each.scene.magnet.cutoff for each in plan} == {0.02, 0.03, 0.045}
+    assert {each.scene.magnet.mismatch for each in plan} == {-1, 0}
+    assert {each.scene.types[0].glues for each in plan} == {(1, 2, 1, 2), (2, 2, -1, -1)}
+    assert {each.scene.floor.angular_reading for each in plan} == {"engine", "uniform-pressure"}
+    assert {each.scene.floor.law for each in plan} == {"separate", "coupled", "exact"}
+    assert {kind.forward for each in plan for kind in each.scene.types} == {"N", "E"}
+    assert len({each.scene.material.restitution_threshold for each in plan}) > 2
+    ours = base[0].scene.solver.step
+    assert {each.scene.solver.step for each in plan} == {ours / 2, ours, 2 * ours}
+    mixed = next(each.scene for each in plan if each.group == "family-random")
+    assert {(kind.colour, kind.family) for kind in mixed.types} == {
+        ("black", 1), ("black", -1), ("white", 1), ("white", -1)}
+
+
+def test_the_step_study_is_of_the_recommended_step_and_half_of_it_with_seeds_enough():
+    plan = read_plan(HERE / "step.toml")
+    for name, scene in ((SELF, "self_stabilizing.toml"), (SHAKEN, "shaking.toml")):
+        runs = [each for each in plan if each.group == name]
+        step = tbsa.load(HERE / scene).solver.step
+        assert {each.scene.solver.step for each in runs} == {step, step / 2}
+        for each_step in (step, step / 2):
+            seeds = {each.scene.run.seed for each in runs if each.scene.solver.step == each_step}
+            assert len(seeds) >= step_study.LEAST
+
+
+@pytest.mark.parametrize("group", ["stripes", "colours-oriented", "square", "families"])
+def test_scenes_beyond_the_paper_grow_what_they_should(group):
+    scene = next(each.scene for each in read_plan(HERE / "beyond.toml") if each.group == group)
+    truth = ground_truth(scene)
+    assert len(truth.types) - len(truth.seed) == 400
+    colour = {site: scene.types[kind].colour for site, kind in truth.types.items()}
+    for (column, row), name in colour.items():
+        odd = column % 2 if group == "stripes" else (column + row) % 2
+        assert name == ("white" if odd else "black")
+    if group in ("stripes", "colours-oriented"):
+        assert check(scene.types, truth) == []  # no tile binds turned, or in another's place
+
+
+def test_more_tiles_are_as_densely_packed_and_have_as_many_sites_a_tile():
+    def packed(scene):
+        tiles = initial_layout(scene).x.size
+        free = sum(number for _, number in scene.free.counts)
+        return tiles / scene.reactor.radius**2, free, (len(scene.seed.cells) - 1) ** 2 / 4 / free
+
+    density, free, sites = packed(tbsa.load(HERE / "self_stabilizing.toml"))
+    assert free == 550
+    found = {}
+    for each in different(read_plan(HERE / "more_tiles.toml")):
+        one = packed(each.scene)
+        found[one[1]] = one
+        assert one[0] == pytest.approx(density, rel=2e-3)
+        assert one[2] == pytest.approx(sites, rel=0.1)
+    assert set(found) == {1000, 2000}
+
+
+def test_unequal_families_are_unequal_in_both_colours_alike():
+    for group in ("families", "families-oriented"):
+        shares = set()
+        for each in read_plan(HERE / "beyond.toml"):
+            if each.group == group:
+                counts = dict(each.scene.free.counts)
+                assert sum(counts.values()) == 550
+                assert counts["black"] + counts["black-back"] == 275
+                shares.add(round((counts["black"] + counts["white"]) / 550, 2))
+        assert shares == {0.5, 0.6, 0.75, 1.0}
+
+
+# ---------------------------------------------------------------------------------------------
+# Intervals.
+
+
+def test_the_interval_of_a_mean_is_students():
+    values = [3.0, 5.0, 4.0, 8.0, math.nan]
+    found = intervals.mean(values)
+    low, high = stats.t.interval(0.95, 3, 5.0, stats.sem(values[:4]))
+    assert found == pytest.approx((5.0, low, high, 4))
+    assert math.isnan(intervals.mean([2.0]).low)
+    assert math.isnan(intervals.mean([]).value)
+
+
+def test_the_interval_of_a_difference_is_welchs():
+    random = np.random.default_rng(1)
+    a, b = random.normal(5, 1, 9), random.normal(3, 4, 30)
+    reference = stats.ttest_ind(a, b, equal_var=False).confidence_interval(0.95)
+    found = intervals.difference(a, b)
+    assert (found.low, found.high) == pytest.approx((reference.low, reference.high), rel=1e-12)
+    assert intervals.difference([1.0, 1.0], [0.0, 0.0])[:3] == (1.0, 1.0, 1.0)
+
+
+def test_of_nothing_in_many_runs_the_bound_is_that_of_a_poisson_count():
+    found = intervals.percent([0] * 36, [250] * 36)
+    assert found[:2] == (0.0, 0.0)
+    assert found.high == pytest.approx(100 * 3.689 / (36 * 250), rel=1e-3)
+    few = intervals.percent([1, 2, *[0] * 10], [100] * 12)  # of three: 0.6187 to 8.767 (Garwood)
+    assert few[:3] == pytest.approx((0.25, 100 * 0.6187 / 1200, 100 * 8.7673 / 1200), rel=1e-3)
+
+
+def test_runs_in_which_nothing_is_attached_have_no_percentage():
+    assert intervals.percent([0, 1], [0, 50]).n == 1
+    assert math.isnan(intervals.percent([0], [0]).value)
+
+
+@pytest.mark.parametrize(("rate", "n"), [(0.01, 36), (0.3, 36), (0.02, 8)])
+def test_an_interval_of_per_cent_covers_the_truth_as_often_as_it_says(rate, n, monkeypatch):
+    monkeypatch.setattr(intervals, "RESAMPLES", 400)
+    random, held, trials = np.random.default_rng(2), 0, 200
+    for _ in range(trials):
+        size = random.integers(60, 200, n)
+        found = intervals.percent(random.poisson(rate * size / 100), size)
+        held += found.low <= rate <= found.high
+    assert held >= 0.89 * trials
+
+
+def test_a_share_of_runs_is_clopper_and_pearsons():
+    found = intervals.share(0, 36)
+    assert found[:2] == (0.0, 0.0)
+    assert found.high == pytest.approx(1 - 0.025 ** (1 / 36))
+    assert intervals.share(36, 36).low == pytest.approx(0.025 ** (1 / 36))
+
+
+def test_slopes_are_those_of_least_squares():
+    random = np.random.default_rng(3)
+    time, sizes = np.arange(0.0, 50.0, 2.0), random.normal(0, 1, (4, 25)).cumsum(axis=1)
+    found = intervals.slopes(time, sizes, 20.0, 48.0)
+    for slope, curve in zip(found, sizes, strict=True):
+        assert slope == pytest.approx(np.polyfit(time[10:], curve[10:], 1)[0])
+    assert np.isnan(intervals.slopes(time, sizes, 47.0, 48.0)).all()
+
+
+@pytest.mark.parametrize(("value", "text"), [
+    (0.0, "0.00"), (1234.5, "1234"), (0.0714, "0.071"), (-2.5, "−2.50"), (math.nan, "–"),
+    (-0.0001, "0.000")])
+def test_numbers_have_three_digits(value, text):
+    assert intervals.number(value) == text
+
+
+# ---------------------------------------------------------------------------------------------
+# The rule of the calibration.
+
+
+def a_point(drive, size, errors=0.0, holes=0.0, gain=math.nan, duration=300.0):
+    return Point(drive, size, errors, holes, gain, 1, duration, (), ())
+
+
+def test_the_papers_own_figures_are_at_distance_zero():
+    ours = a_point(SELF, 130.0, 0.0, 1.5, 4.0, DURATION)
+    theirs = a_point(SHAKEN, 35.0, 0.5, 0.0, 0.0, DURATION)
+    assert Candidate("separate", 0.06, 1e-3, ours, theirs).distance == 0.0
+
+
+@pytest.mark.parametrize(("point", "name", "units"), [
+    (a_point(SHAKEN, 35 * 1.25), "size", 1.0), (a_point(SHAKEN, 35 / 1.25), "size", -1.0),
+    (a_point(SELF, 260.0, duration=DURATION), "size", 1.0),  # more than 130 is no contradiction
+    (a_point(SELF, 104.0, duration=DURATION), "size", -1.0),
+    (a_point(SELF, 65.0), "size", -1.0),  # it may still grow
+    (a_point(SHAKEN, 35, errors=2.5), "errors", 2.0), (a_point(SELF, 130, holes=0.5), "holes", -1),
+    (a_point(SHAKEN, 35, gain=-20.0, duration=DURATION), "trend", -2.0),
+    (a_point(SELF, 130, gain=20.0, duration=DURATION), "trend", 0.0),
+    (a_point(SELF, 130, gain=-10.0, duration=DURATION), "trend", -1.0)])
+def test_a_miss_is_counted_in_the_units_of_the_rule(point, name, units):
+    assert point.misses()[name] == pytest.approx(units, abs=1e-12)
+
+
+def test_short_runs_have_no_trend_and_an_empty_assembly_is_far_off():
+    assert "trend" not in a_point(SELF, 130.0).misses()
+    nothing = a_point(SHAKEN, 0.0, math.nan, math.nan)
+    assert nothing.misses()["size"] < -15.0
+    assert nothing.misses()["errors"] == 0.0
+
+
+def mapped(best=(0.06, 1e-3), law="separate", lacking=()):
+    """Numbers of the maps: the paper's at one point, and the worse the further from it."""
+    def metrics(each):
+        drive = each.scene.drive
+        if (drive.kind, drive.force) in lacking:
+            return None
+        off = abs(math.log(drive.force / best[0])) + (each.scene.floor.law != law)
+        if drive.kind == "shaking":
+            return ending(each, round(35 * math.exp(-off)))
+        off += 0.1 * abs(math.log((drive.torque + 1e-6) / best[1]))
+        return ending(each, round(130 * math.exp(-off)), holes=2)
+    return metrics
+
+
+def test_the_nearest_setting_is_found_with_one_force_for_both_drives(tmp_path):
+    tables(HERE / "calibration.toml", tmp_path, mapped())
+    ranked = candidates(points(tmp_path, load(tmp_path)))
+    assert len(ranked) == 2 * 8 * 7
+    assert (ranked[0].law, ranked[0].force, ranked[0].torque) == ("separate", 0.06, 1e-3)
+    assert all(a.distance <= b.distance for a, b in itertools.pairwise(ranked))
+    for each in ranked:  # shaking is that of the same law and force
+        off = abs(math.log(each.force / 0.06)) + (each.law != "separate")
+        assert each.theirs.size == round(35 * math.exp(-off))
+
+
+def test_without_shaking_at_a_force_it_is_no_candidate_and_that_is_said(tmp_path):
+    tables(HERE / "calibration.toml", tmp_path / "whole", mapped(lacking={("shaking", 0.06)}))
+    keep.keep(tmp_path / "whole", tmp_path / "calibration", [], 2)
+    folders = {name: tmp_path / file.stem for name, file in calibrate.FILES.items()}
+    text, ranked = calibrate.report(folders)
+    assert len(ranked) == 2 * 7 * 7
+    assert 0.06 not in {each.force for each in ranked}
+    assert "126 of 128 planned runs are done, 0 failed, 2 are missing." in text
+    assert "missing of map-shaking: 2 of 16" in text
+    assert "readings: nothing yet" in text
+    assert "cannot tell whether the paper's figures" in text
+
+
+def test_with_nothing_at_all_it_says_so(tmp_path, capsys):
+    out = tmp_path / "report.md"
+    assert calibrate.main(["--data", str(tmp_path), "--out", str(out)]) == 0
+    assert "nothing can be chosen" in out.read_text()
+    assert calibrate.main(["--data", str(tmp_path), "--out", str(out), "--finals", "2"]) == 2
+    assert "--finals: 2 must be from 1 to 0" in capsys.readouterr().err
+
+
+def test_the_report_has_the_maps_as_tables(tmp_path):
+    tables(HERE / "calibration.toml", tmp_path / "calibration", mapped())
+    text, _ = calibrate.report({n: tmp_path / f.stem for n, f in calibrate.FILES.items()})
+    assert "**Nearest so far: F_mag = 0.06 N, T_mag = 0.001 N m, separate floor friction**" in text
+    rows = [line for line in text.splitlines() if line.startswith("| 0.001 |")]
+    assert rows[0].split("|")[4].strip() == "130, 0.0, 1.5"
+    assert rows[1].split("|")[4].strip() == "0.5"  # errors of shaking are 0, not 0.5 %
+    shaking = [line for line in text.splitlines() if line.startswith("| shaking |")]
+    assert [row.split("|")[4].strip() for row in shaking] == ["35, 0.0, 0.0", "13, 0.0, 0.0"]
+
+
+@pytest.fixture
+def finals(tmp_path, monkeypatch):
+    """The finals' file, written from the maps; the folder of what is kept."""
+    tables(HERE / "calibration.toml", tmp_path / "calibration", mapped())
+    for name in ("self_stabilizing.toml", "shaking.toml"):
+        shutil.copy(HERE / name, tmp_path / name)
+    monkeypatch.setitem(calibrate.FILES, "finals", tmp_path / "finals.toml")
+    assert calibrate.main(["--data", str(tmp_path), "--out", str(tmp_path / "report.md"),
+                           "--finals", "3"]) == 0
+    return tmp_path
+
+
+def test_the_finals_are_the_nearest_of_the_maps_in_full(finals):
+    ranked = candidates(points(finals / "calibration", load(finals / "calibration")))[:3]
+    plan = read_plan(finals / "finals.toml")
+    assert {each.scene.run.duration for each in plan} == {DURATION}
+    unicycle = {(each.scene.floor.law, each.scene.drive.force, each.scene.drive.torque)
+                for each in plan if each.scene.drive.kind == "unicycle"}
+    assert unicycle == {(each.law, each.force, each.torque) for each in ranked}
+    shaken = {(each.scene.floor.law, each.scene.drive.force) for each in plan
+              if each.scene.drive.kind == "shaking"}
+    assert shaken == {(each.law, each.force) for each in ranked}
+
+
+@pytest.mark.parametrize(("ours", "theirs", "words"), [
+    ({"size": 300, "holes": 5}, {"size": 35}, "can be met together"),
+    ({"size": 300, "holes": 5}, {"size": 80}, "are not met together by any setting tried"),
+    ({"size": 60, "holes": 1}, {"size": 35}, "it misses self-stabilizing size")])
+def test_it_says_whether_the_papers_figures_can_be_met_together(finals, ours, theirs, words):
+    def metrics(each):
+        jitter = each.scene.run.seed % 2
+        mine = ours if each.scene.drive.kind == "unicycle" else theirs
+        return ending(each, mine["size"] + jitter, holes=mine.get("holes", 0))
+
+    tables(finals / "finals.toml", finals / "finals", metrics)
+    folders = {name: finals / file.stem for name, file in calibrate.FILES.items()}
+    text, _ = calibrate.report(folders)
+    assert "**Chosen: " in text
+    assert words in text
+    assert "## Finals" in text
+
+
+def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
+    def metrics(each):
+        size = 100 + each.scene.run.seed * (1 if each.scene.drive.kind == "unicycle" else 7)
+        return ending(each, size + 50 * (each.group == "cutoff") * (
+            each.scene.magnet.cutoff > 0.03))
+
+    tables(HERE / "readings.toml", tmp_path, metrics)
+    lines = calibrate.readings(tmp_path, load(tmp_path))
+    assert "after 300 s; ± is the standard deviation between seeds. The base: unicycle " in lines[0]
+    cells = {tuple(part.strip() for part in line.split("|")[1:3]):
+             [part.strip() for part in line.split("|")[3:-1]]
+             for line in lines if line.startswith("| ")}
+    ours = cells["cutoff 0.045", SELF]
+    assert ours[:2] == ["4", "152 ± 1.29"]
+    assert ours[2].startswith("50.0 (")
+    assert ours[2].endswith("*")
+    assert cells["cutoff 0.02", SHAKEN][2].startswith("0.00 (")
+    assert cells["base", SELF][2] == "–"
+    assert {"forward-E", "forward-N-E", "step 0.00104167", "floor-law exact", "seed-19"} <= {
+        name for name, _ in cells}
+    assert any("2 of " in line and "by chance" in line for line in lines)
+
+
+def test_failed_runs_are_told_of_with_their_message(tmp_path):
+    table = tables(HERE / "calibration.toml", tmp_path, mapped())
+    table.loc[5, ["status", "message"]] = ["failed", "went too fast"]
+    table.to_csv(tmp_path / "table.csv", index=False)
+    lines, missing = against_plan(HERE / "calibration.toml", load(tmp_path))
+    assert lines[0] == "127 of 128 planned runs are done, 1 failed, 0 are missing."
+    assert lines[1] == f"- failed: {table['run'][5]}: went too fast"
+    assert missing == []
+
+
+def test_runs_of_another_setting_than_the_files_are_told_of(tmp_path):
+    table = tables(HERE / "calibration.toml", tmp_path, mapped())
+    table.loc[3, "fingerprint"] = "0" * 64
+    table.to_csv(tmp_path / "table.csv", index=False)
+    lines, missing = against_plan(HERE / "calibration.toml", load(tmp_path))
+    assert len(missing) == 1
+    assert "1 runs of the table are not in calibration.toml as it is now" in lines[-1]
+
+
+# ---------------------------------------------------------------------------------------------
+# Figures of merit.
+
+
+def merits(folder):
+    return {what: (verdict, ours) for what, ours, verdict in (
+        (what, ours, figure.verdict(ours)) for what, figure, ours, _ in merit.rows(
+            folder, {drive: load(folder)[lambda t, drive=drive: (t["group"] == drive) & (
+                t["status"] == "done")] for drive in (SELF, SHAKEN)}))}
+
+
+def like_the_paper(each):
+    """What the paper reports, with a scatter of single runs."""
+    seed = each.scene.run.seed
+    if each.scene.drive.kind == "unicycle":
+        return ending(each, 140 + 3 * (seed % 5), holes=2 + (seed % 8 == 0), slope=0.01)
+    return ending(each, 33 + seed % 5, errors=int(seed % 6 == 0))
+
+
+def test_a_campaign_like_the_papers_reaches_its_figures(tmp_path):
+    tables(HERE / "campaign.toml", tmp_path, like_the_paper)
+    found = merits(tmp_path)
+    for what in ("self-stabilizing: attached tiles at the end",
+                 "self-stabilizing: errors at the end", "self-stabilizing: holes at the end",
+                 "self-stabilizing: still growing (slope, tiles in 1000 s)",
+                 "shaking: attached tiles at the end", "shaking: saturated (gain over the last "
+                 "third)", "size, self-stabilizing over shaking",
+                 "holes, self-stabilizing less shaking"):
+        assert found[what][0] == "reached", (what, found[what])
+    ours = found["self-stabilizing: attached tiles at the end"][1]
+    sizes = load(tmp_path).query("group == @SELF", local_dict={"SELF": SELF})["size"]
+    assert ours.value == pytest.approx(sizes.mean())
+    assert found["self-stabilizing: still growing (slope, tiles in 1000 s)"][1].value == (
+        pytest.approx(10.0))
+    # 6 of 36 runs with one error of about 35 tiles: a mean of 0.5 % that is known but roughly.
+    verdict, errors = found["shaking: errors at the end"]
+    assert errors.value == pytest.approx(0.476, abs=0.05)
+    assert verdict == "open, our mean is inside"
+
+
+@pytest.mark.parametrize(("ours", "theirs", "what", "verdict"), [
+    ({"size": 100}, {"size": 35}, "self-stabilizing: attached tiles at the end", "not reached"),
+    ({"size": 140, "slope": -0.01}, {"size": 35}, "self-stabilizing: still growing (slope, tiles "
+     "in 1000 s)", "not reached"),
+    ({"size": 140}, {"size": 60}, "shaking: attached tiles at the end", "not reached"),
+    ({"size": 140}, {"size": 35, "slope": 0.02}, "shaking: saturated (gain over the last third)",
+     "not reached"),
+    ({"size": 140, "errors": 3}, {"size": 35}, "self-stabilizing: errors at the end",
+     "not reached"),
+    ({"size": 140}, {"size": 35}, "self-stabilizing: holes at the end", "not reached"),
+    ({"size": 140}, {"size": 0}, "shaking: errors at the end", "no data")])
+def test_what_is_not_reached_is_said(tmp_path, ours, theirs, what, verdict):
+    def metrics(each):
+        mine = dict(ours if each.scene.drive.kind == "unicycle" else theirs)
+        size = mine.pop("size")
+        return ending(each, size + (each.scene.run.seed % 3 if size else 0), **mine)
+
+    tables(HERE / "campaign.toml", tmp_path, metrics)
+    assert merits(tmp_path)[what][0] == verdict
+
+
+def test_merit_works_with_some_of_the_runs_and_says_what_is_missing(tmp_path, capsys):
+    tables(HERE / "campaign.toml", tmp_path / "runs",
+           lambda each: like_the_paper(each) if each.scene.run.seed < 3 else None)
+    keep.keep(tmp_path / "runs", tmp_path / "kept", [], 2)
+    out = tmp_path / "merit.md"
+    assert merit.main(["--data", str(tmp_path / "kept"), "--out", str(out)]) == 0
+    text = out.read_text()
+    assert text.strip() == capsys.readouterr().out.strip()
+    assert "4 of 72 planned runs are done, 0 failed, 68 are missing." in text
+    assert "this is preliminary" in text
+    assert "Wall time of the runs, one core each: 0.01 h" in text
+    assert "self-stabilizing 0.01 h (50 %), shaking 0.01 h (50 %)" in text
+
+
+@pytest.mark.parametrize("seeds", [0, 1])
+def test_merit_of_one_run_or_none_claims_nothing(tmp_path, seeds):
+    tables(HERE / "campaign.toml", tmp_path,
+           lambda each: like_the_paper(each) if each.scene.run.seed <= seeds else None)
+    sizes = merits(tmp_path)["self-stabilizing: attached tiles at the end"]
+    assert sizes[0] == ("no data", "one run only, inside")[seeds]
+    report = merit.report(tmp_path, HERE / "campaign.toml")
+    for what in ("attached tiles", "still growing", "saturated"):
+        (line,) = [line for line in report.splitlines() if f": {what}" in line and (
+            line.startswith("| s")) and (what != "attached tiles" or line.startswith("| se"))]
+        assert line.endswith(("no data |", "inside |", "outside |"))
+
+
+def test_runs_that_are_too_short_reach_nothing(tmp_path):
+    text = (HERE / "campaign.toml").read_text().replace(
+        "seeds =", 'set = {"run.duration" = 600.0}\nseeds =')
+    for name in ("self_stabilizing.toml", "shaking.toml"):
+        shutil.copy(HERE / name, tmp_path / name)
+    (tmp_path / "campaign.toml").write_text(text)
+    tables(tmp_path / "campaign.toml", tmp_path / "data", like_the_paper)
+    report = merit.report(tmp_path / "data", tmp_path / "campaign.toml")
+    assert "no figure counts as reached or not" in report
+    assert "| reached |" not in report
+
+
+def test_what_is_no_data_is_refused(tmp_path, capsys):
+    for command in (merit, step_study):
+        assert command.main(["--data", str(tmp_path)]) == 2
+        assert "table.csv: must be the table of a campaign" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------------------------------------
+# The step.
+
+
+def stepped(shift, spread):
+    """Sizes of both steps: their difference, and the scatter between seeds."""
+    random = np.random.default_rng(4)
+
+    def metrics(each):
+        half = each.scene.solver.step < 1 / 900
+        return ending(each, 100 + shift * half + spread * random.standard_normal())
+    return metrics
+
+
+@pytest.mark.parametrize(("shift", "spread", "words"), [
+    (0.0, 5.0, ("yes", "yes (±")), (30.0, 5.0, ("no", "yes (±")), (0.0, 60.0, ("yes", "no (±"))])
+def test_the_step_study_judges_the_difference(tmp_path, shift, spread, words):
+    tables(HERE / "step.toml", tmp_path, stepped(shift, spread))
+    table = load(tmp_path)
+    _, verdicts = step_study.study(table)
+    assert [row[0] for row in verdicts] == [SELF, SHAKEN]
+    for row in verdicts:
+        arms = [table[(table["drive"] == row[0]) & (table["solver.step"] == step)]["size"]
+                for step in sorted(set(table["solver.step"]))]
+        assert row[1].value == pytest.approx(arms[0].mean() - arms[1].mean())
+        reference = stats.ttest_ind(*arms, equal_var=False).confidence_interval(0.95)
+        assert (row[1].low, row[1].high) == pytest.approx((reference.low, reference.high))
+        assert row[3] == words[0]
+        assert row[4].startswith(words[1])
+        assert int(row[5]) >= step_study.LEAST
+
+
+def test_the_step_study_of_few_seeds_says_so(tmp_path):
+    metrics = stepped(0.0, 5.0)
+    count = {}
+
+    def some(each):
+        key = each.group, each.scene.solver.step
+        count[key] = count.get(key, 0) + 1
+        return metrics(each) if count[key] <= 3 else None
+
+    tables(HERE / "step.toml", tmp_path, some)
+    text = step_study.report(tmp_path, HERE / "step.toml")
+    assert "of 3 seeds only" in text
+    assert "12 of 96 planned runs are done" in text
+
+
+# ---------------------------------------------------------------------------------------------
+# Parts.
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A folder with a campaign of five short runs."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    Path("shaking.toml").write_text(SHAKING)
+    Path("campaign.toml").write_text(CAMPAIGN)
+    return tmp_path
+
+
+def do(out, **options):
+    with ThreadPoolExecutor(1) as pool:
+        return campaign("campaign.toml", out, executor=pool, resume=True, **options)
+
+
+def kept(folder):
+    return {name: (Path(folder) / name).read_bytes() for name in ("table.csv", "curves.csv")}
+
+
+def test_parts_done_in_several_folders_join_to_the_same_tables(home):
+    """As on machines that share nothing but what is kept."""
+    table = home / "kept" / "table.csv"
+    do("first", part=(2, 3))
+    assert keep.main(["first", "kept"]) == 0
+    shutil.rmtree("first")
+    assert 0 < len(pd.read_csv(table)) < 5
+    before = len(pd.read_csv(table))
+    result = do("second", without=table, part=(1, 3))
+    assert keep.main(["second", "kept"]) == 0
+    assert len(pd.read_csv(table)) == before + result.done
+    assert do("third", without=table).done == 5 - before - result.done
+    assert keep.main(["third", "kept"]) == 0
+    do("whole")
+    assert keep.main(["whole", "at-once"]) == 0
+    assert kept("kept") == kept("at-once")
+    assert kept("at-once") == kept("whole")
+    assert set(pd.read_csv("kept/wall.csv")["run"]) == set(pd.read_csv(table)["run"])
+    assert do("fourth", without=table).done == 0
+
+
+def test_keeping_twice_changes_nothing(home):
+    do("out")
+    arguments = ["out", "kept", "--group", "map", "--records", "3"]
+    assert keep.main(arguments) == 0
+    before = {path: path.read_bytes() for path in Path("kept").rglob("*") if path.is_file()}
+    assert keep.main(arguments) == 0
+    assert before == {path: path.read_bytes() for path in Path("kept").rglob("*")
+                      if path.is_file()}
+
+
+def test_the_records_of_a_group_that_are_kept_stay(home):
+    do("out")
+    keep.main(["out", "kept", "--group", "map", "--records", "3"])
+    (run,) = [path.parent for path in Path("kept/runs").glob("*/*/records.npy")]
+    table = pd.read_csv("out/table.csv", dtype=str, keep_default_na=False)
+    table.iloc[::-1].to_csv("out/table.csv", index=False)  # another run is the first now
+    keep.main(["out", "kept", "--group", "map", "--records", "3"])
+    assert [path.parent for path in Path("kept/runs").glob("*/*/records.npy")] == [run]
+
+
+def test_killed_while_it_keeps_the_next_call_makes_it_whole(home, monkeypatch):
+    do("out")
+    write = keep.write_atomically
+
+    def killed(path, data):
+        if path.name == "table.csv":
+            raise KeyboardInterrupt
+        write(path, data)
+
+    monkeypatch.setattr(keep, "write_atomically", killed)
+    with pytest.raises(KeyboardInterrupt):
+        keep.main(["out", "kept", "--group", "other"])
+    assert not Path("kept/table.csv").exists()
+    monkeypatch.setattr(keep, "write_atomically", write)
+    assert keep.main(["out", "kept", "--group", "other"]) == 0
+    assert kept("kept") == kept("out")
+
+
+def test_runs_that_failed_are_kept_until_they_are_done(home):
+    do("out")
+    rows = pd.read_csv("out/table.csv", dtype=str, keep_default_na=False)
+    broken = rows.copy()
+    broken.loc[1, ["status", "message", "version"]] = ["failed", "worker died", ""]
+    broken.loc[2, "status"] = "waiting"
+    broken.to_csv("out/table.csv", index=False)
+    keep.main(["out", "kept"])
+    assert pd.read_csv("kept/table.csv")["status"].tolist() == ["done", "failed", "done", "done"]
+    assert set(pd.read_csv("kept/curves.csv")["run"]) == set(rows["run"][[0, 3, 4]])
+    rows.to_csv("out/table.csv", index=False)
+    keep.main(["out", "kept"])
+    assert kept("kept") == kept("out")
+    broken.to_csv("out/table.csv", index=False)
+    keep.main(["out", "kept"])
+    assert pd.read_csv("kept/table.csv")["status"].tolist() == ["done"] * 5
+
+
+@pytest.mark.parametrize(("column", "value", "words"), [
+    ("version", "9.9", "version: of out and of what is kept must be one"),
+    ("settings", "0" * 16, "settings: of out and of what is kept must be one in each group"),
+    ("duration", "9.0", "duration: of out and of what is kept must be one in each group")])
+def test_parts_of_another_provenance_are_refused(home, capsys, column, value, words):
+    do("out")
+    keep.main(["out", "kept"])
+    before = kept("kept")
+    rows = pd.read_csv("out/table.csv", dtype=str, keep_default_na=False)
+    for name in ("table", "curves", "wall"):  # of another machine: another seed
+        path = Path(f"out/{name}.csv")
+        path.write_text(path.read_text().replace("map/1-", "map/3-"))
+    rows = pd.read_csv("out/table.csv", dtype=str, keep_default_na=False)
+    rows.loc[0, column] = value
+    rows.to_csv("out/table.csv", index=False)
+    capsys.readouterr()
+    assert keep.main(["out", "kept"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"keep: kept: {words}")
+    assert "keep them apart" in err
+    assert kept("kept") == before
+
+
+def test_the_folder_of_what_is_kept_is_named_as_the_campaign(home, monkeypatch):
+    monkeypatch.setattr(keep, "DATA", home / "data")
+    do("out")
+    assert keep.main(["out"]) == 0
+    assert (home / "data" / "out" / "table.csv").exists()
+
+
+def test_what_is_kept_of_the_papers_campaign_is_small(tmp_path):
+    """72 runs of 361 records as tables, and 13 records of 591 tiles of each drive: by its size."""
+    plan = read_plan(HERE / "campaign.toml")
+    random = np.random.default_rng(5)
+
+    def metrics(each):
+        full = ending(each, 300 + random.integers(50), interval=10.0)
+        return full | {f"column_{k}": random.integers(0, 500, len(full["time"]))
+                       for k in range(8)}
+
+    extra = {f"measure_{k}": 1 / 3 for k in range(12)}
+    tables(HERE / "campaign.toml", tmp_path / "campaign", metrics, **extra)
+    keep.keep(tmp_path / "campaign", tmp_path / "kept", [], 13)
+    size = sum(path.stat().st_size for path in (tmp_path / "kept").iterdir())
+    assert len(pd.read_csv(tmp_path / "kept" / "curves.csv")) == 72 * 361
+    records = 2 * (13 + 2) * plan[0].tiles * 6 * 8  # and a layout
+    assert size + records < 20e6 / 3
+
+
+# ---------------------------------------------------------------------------------------------
+# Figures.
+
+
+@pytest.fixture
+def beyond(tmp_path, monkeypatch):
+    """Tables of beyond.toml, more_tiles.toml and campaign.toml where the figures look for them."""
+    def grown(each):
+        scene = each.scene
+        found = ending(each, 30.0 + 10.0 * scene.run.seed + 0.1 * each.tiles + (
+            100.0 * scene.drive.frequency), interval=100.0)
+        found["left"] = np.where(found["time"] > 0, 3 if scene.drive.kind == "unicycle" else 6, 0)
+        return found
+
+    for name in ("beyond", "more_tiles", "campaign"):
+        tables(HERE / f"{name}.toml", tmp_path / name, grown)
+    for script, name in ((frequency, "beyond"), (families, "beyond"), (elsewhere, "beyond"),
+                         (events, "campaign"), (more_tiles, "more_tiles")):
+        monkeypatch.setattr(script, "DATA", tuple(
+            tmp_path / name / path.relative_to(path.parents[
+                1 if path.suffix == ".csv" else 2] / name) for path in script.DATA))
+    monkeypatch.setattr(more_tiles, "CAMPAIGN", tmp_path / "campaign")
+    return tmp_path
+
+
+def drawn(script):
+    with style.look():
+        return script.make()
+
+
+def test_the_frequency_figure_has_the_mean_of_every_frequency(beyond):
+    table = load(beyond / "beyond").query("group == 'frequency'")
+    (ax,) = drawn(frequency).axes
+    for container, drive in zip(ax.containers, (SELF, SHAKEN), strict=True):
+        line = container.lines[0]
+        means = table[table["drive"] == drive].groupby("drive.frequency")["size"].mean()
+        np.testing.assert_allclose(line.get_xdata(), means.index)
+        np.testing.assert_allclose(line.get_ydata(), means)
+
+
+def test_the_families_figure_is_over_the_share_of_the_larger(beyond):
+    (ax,) = drawn(families).axes
+    table = load(beyond / "beyond")
+    for container, group in zip(ax.containers, ("families", "families-oriented"), strict=False):
+        line = container.lines[0]
+        np.testing.assert_allclose(line.get_xdata(), [50.0, 60.0, 74.9, 100.0], atol=0.06)
+        means = table[table["group"] == group].groupby("free.counts.black")["size"].mean()
+        np.testing.assert_allclose(line.get_ydata(), means)
+    assert len(ax.containers) == 3
+
+
+def test_growth_with_more_tiles_is_drawn_beside_the_papers(beyond):
+    ours, theirs = drawn(more_tiles).axes
+    for ax, drive in ((ours, SELF), (theirs, SHAKEN)):
+        ends = [line.get_ydata()[-1] for line in ax.lines]
+        wanted = [load(beyond / "campaign").query("group == @drive", local_dict={
+            "drive": drive})["size"].mean()]
+        table = load(beyond / "more_tiles")
+        table = table[table["group"] == drive]
+        wanted += list(table.groupby("free.counts.black")["size"].mean())
+        np.testing.assert_allclose(ends, wanted)
+
+
+def test_without_the_campaign_there_are_the_larger_ones_only(beyond, monkeypatch):
+    monkeypatch.setattr(more_tiles, "CAMPAIGN", beyond / "nowhere")
+    assert [len(ax.lines) for ax in drawn(more_tiles).axes] == [2, 2]
+
+
+def test_detachment_is_counted_over_the_tiles_that_could_leave(beyond):
+    time = np.arange(0.0, 401.0, 100.0)
+    left = np.array([[0, 5, 0, 10, 0], [0, 0, 0, 0, 5]])
+    size = np.full((2, 5), 50.0)
+    rate, edges = events.lost(time, left, size)
+    assert edges.tolist() == time.tolist()
+    assert rate.tolist() == [5.0, 0.0, 10.0, 5.0]  # per cent of 100 tiles in 100 s
+    number, share = events.losses(left)
+    assert number.tolist() == [5.0, 10.0]
+    assert share.tolist() == [100.0, 50.0]
+    assert events.losses(np.zeros((1, 2)))[1].tolist() == [0.0]
+    above, _ = drawn(events).axes
+    values = [patch.get_data().values for patch in above.patches]
+    assert len(values) == 2
+    assert values[1].mean() > values[0].mean()
+
+
+def test_pictures_of_other_patterns_show_the_last_record_or_say_that_there_is_none(beyond):
+    scene = next(each for each in read_plan(HERE / "beyond.toml") if each.group == "stripes")
+    short = replace(scene.scene, run=Run(0.5, scene.scene.run.seed))
+    tbsa.run(short, beyond / "beyond" / "runs" / scene.name)
+    titles = [ax.get_title() for ax in drawn(elsewhere).axes]
+    assert titles[0].endswith("no run is kept")
+    assert titles[2].startswith("stripes, self-stabilizing\n0.5 s: ")
+
+
+def test_the_maps_frame_the_scenes_force_and_torque(tmp_path, monkeypatch):
+    tables(HERE / "calibration.toml", tmp_path, mapped())
+    monkeypatch.setattr(maps_figure, "DATA", (tmp_path / "table.csv",))
+    scene = tbsa.load(HERE / "self_stabilizing.toml")
+    forces = sorted({each.scene.drive.force for each in read_plan(HERE / "calibration.toml")})
+    framed = [patch for ax in drawn(maps_figure).axes for patch in ax.patches]
+    assert len(framed) == (2 if scene.drive.force in forces else 0)
+    for patch in framed:
+        assert patch.get_x() + 0.48 == pytest.approx(forces.index(scene.drive.force))
+
+
+def test_every_new_figure_fits_a_column(beyond):
+    for script in (frequency, families, events, more_tiles, elsewhere):
+        width, height = drawn(script).get_size_inches()
+        assert width == style.COLUMN
+        assert height < 9.5
