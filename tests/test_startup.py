@@ -129,12 +129,12 @@ import json
 import numpy as np
 from numba import njit
 from tbsa.kernels import drives, jit
-from tbsa.model.simulation import _compiled
+from tbsa.kernels.drives import engine
 @njit
 def call(f, p, zero, family, fx):
     f(1.0, p, zero, zero, zero, zero, zero, zero, family, zero, fx, zero, zero)
 fx = np.zeros(1)
-call(_compiled(drives.unicycle), np.array([1.0, 0.0, 0.25]), np.zeros(1), np.ones(1), fx)
+call(engine(drives.unicycle), np.array([1.0, 0.0, 0.25]), np.zeros(1), np.ones(1), fx)
 print(json.dumps([fx[0], jit.KERNELS["unicycle"]]))
 """
     place = {"TBSA_CACHE_DIR": str(tmp_path / "cache")}

@@ -54,7 +54,7 @@ from tbsa.kernels.contacts import (
 from tbsa.kernels.floor import EXACT
 from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
-from tbsa.kernels.jit import U, inline, kernel
+from tbsa.kernels.jit import U, copy, inline, kernel
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -168,9 +168,9 @@ def kick(k: Numbers, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodi
     """Give every mobile tile the impulse of the forces, and note where it started."""
     fm, fi = k.h / k.mass, k.h / k.inertia
     vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
-    v.startx[:] = vx
-    v.starty[:] = vy
-    v.startw[:] = w
+    copy(vx, v.startx, vx.size)
+    copy(vy, v.starty, vx.size)
+    copy(w, v.startw, vx.size)
     v.floorx[:] = 0.0
     v.floory[:] = 0.0
     v.floort[:] = 0.0
@@ -347,8 +347,10 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     n, h, step_length = k.n, k.h, k.substeps * k.h
     x, y, angle = state.x, state.y, state.angle
     v, rows, c, s, before = work.bodies, work.rows, work.c, work.s, work.shift
-    v.vx[:], v.vy[:], v.w[:] = state.vx, state.vy, state.omega
-    v.mobile[:] = tiles.mobile
+    copy(state.vx, v.vx, n + 1)
+    copy(state.vy, v.vy, n + 1)
+    copy(state.omega, v.w, n + 1)
+    copy(tiles.mobile, v.mobile, n + 1)
     vx, vy, w = v.vx, v.vy, v.w
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
@@ -358,7 +360,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     work.magnets.margin[:] = -1.0  # nothing is known yet
     rows.first[:] = 0
     error, done = OK, 0
-    m, known = 0, False
+    m, known = np.int64(0), False
     for step in range(steps):
         ways(n, k.width, step_length, v, far)
         if reach > 0.0:
@@ -403,7 +405,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     counts.overlap[0] += 1
                 kick(k, work.fx, work.fy, work.torque, v)
                 if m > 0 or floor.law != 0:
-                    before.vx[:], before.vy[:], before.w[:] = vx, vy, w
+                    copy(vx, before.vx, n + 1)
+                    copy(vy, before.vy, n + 1)
+                    copy(w, before.w, n + 1)
                     rows.seen[:] = -1
                     apply_impulses(rows, ii / im, v)
                     passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
@@ -421,7 +425,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         done += 1
     if known:
         remember(rows, m, n, state.impulses)
-    state.vx[:], state.vy[:], state.omega[:] = vx, vy, w
+    copy(vx, state.vx, n + 1)
+    copy(vy, state.vy, n + 1)
+    copy(w, state.omega, n + 1)
     counts.substeps[0] += done * k.substeps
     for i in range(n):
         if not (np.isfinite(vx[i]) and np.isfinite(vy[i]) and np.isfinite(w[i])):

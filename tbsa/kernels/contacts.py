@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
-from tbsa.kernels.jit import U, columns, inline, lane
+from tbsa.kernels.jit import U, columns, copy, inline, lane
 from tbsa.kernels.neighbours import Pairs
 
 CIRCLE, RECTANGLE = 1, 2
@@ -34,30 +34,31 @@ NEVER = 1e30
 
 LANES = U(8)
 FIELDS = (
+    "count",                       # points: 0, 1 or 2
+    "pn0", "pn1",                  # N s, normal impulses, >= 0
+    "pt",                          # N s, friction impulse of the manifold
+    "base",                        # N s, normal impulse applied before that friction counts on
+    "ma", "mb",                    # 1/kg, inverse masses
+    "change",                      # m/s, by which a solve changed a contact velocity
     "nx", "ny",                    # normal, from a to b
     "at", "bt",                    # m, r . n from a and from b: the lever arms of friction
     "an0", "bn0", "an1", "bn1",    # m, r x n: the lever arms of the normal impulses
     "gap0", "gap1",                # m
-    "count",                       # points: 0, 1 or 2
     "id0", "id1",                  # feature ids of the points
-    "pn0", "pn1",                  # N s, normal impulses, >= 0
-    "pt",                          # N s, friction impulse of the manifold
-    "warm0", "warm1", "warmt",     # N s, these at the end of the last substep
+    "warm0", "warm1", "warmt",     # N s, the impulses at the end of the last substep
     "want0", "want1",              # m/s, the solve makes vn >= -want
-    "base",                        # N s, normal impulse applied before that friction counts on
     "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
     "i00", "i11", "itt", "idet",   # kg, kg^2
     "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching
     "hit",                         # 1, 2: the point that hits in this substep; 3: both
-    "ma", "mb",                    # 1/kg, inverse masses
     "mu", "e",                     # friction, restitution
     "ax", "ay", "aw",              # scratch: of body a, and b (velocities)
     "bx", "by", "bw",
-    "change",                      # m/s, by which a solve changed a contact velocity
 )
-(NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, COUNT, ID0, ID1, PN0, PN1, PT, WARM0, WARM1,
- WARMT, WANT0, WANT1, BASE, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT, MA, MB,
- MU, E, AX, AY, AW, BX, BY, BW, CHANGE) = (U(i) * LANES for i in range(len(FIELDS)))
+(COUNT, PN0, PN1, PT, BASE, MA, MB, CHANGE, NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, ID0,
+ ID1, WARM0, WARM1, WARMT, WANT0, WANT1, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT,
+ MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
+ZEROED = CHANGE + LANES  # numbers of a block, its first, that are zero in an empty lane
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
 
@@ -208,7 +209,9 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
     used, fill, first, slot = rows.used, rows.fill, rows.first, rows.slot
     ra, rb, field, body = rows.a, rows.b, rows.field, rows.body
     rows.size[0] = m
-    ra[:m], rb[:m], rows.corner[:m] = rows.new_a[:m], rows.new_b[:m], rows.new_corner[:m]
+    copy(rows.new_a, ra, m)
+    copy(rows.new_b, rb, m)
+    copy(rows.new_corner, rows.corner, m)
     used[:] = 0
     fill[:] = 0
     last = PAIR_COLOURS - 1
@@ -240,8 +243,12 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
     for i in range(n):
         start[i + 1] = start[i] + (start[i + 1] if mobile[i] != 0.0 else 0)
         used[i] = start[i]
-    field[: U(first[COLOURS]) * BLOCK] = 0.0
-    body[: U(first[COLOURS]) * BODIES] = n
+    for block in range(first[COLOURS]):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for j in range(ZEROED):
+            field[o + j] = 0.0
+        for j in range(BODIES):
+            body[t + j] = n
     for i in range(m):
         q = slot[i]
         block, at = first[q] + fill[q] // 8, fill[q] % 8

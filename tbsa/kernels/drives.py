@@ -21,9 +21,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import cfunc, types
+from numba import types
 
 from tbsa.kernels.geometry import cos_sin
+from tbsa.kernels.jit import callback
 
 _scalar = types.float64
 _array = types.Array(types.float64, 1, "C")
@@ -33,7 +34,7 @@ ENGINE = types.void(_scalar, *[_array] * 12)
 @cache
 def engine(function: Callable[..., None]) -> Any:
     """Compile `function` (see the module's text) for use as a drive; once a process."""
-    return cfunc(ENGINE, error_model="numpy")(function)
+    return callback(ENGINE, function)
 
 
 def no_drive(t: float, p: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,

@@ -25,6 +25,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from tbsa.kernels.jit import inline, lane
 
 NONE, SEPARATE, COUPLED, EXACT = 0, 1, 2, 3
@@ -247,7 +249,7 @@ def _inside(bx: float, by: float, bw: float) -> bool:
     if g > OUTER * OUTER:
         return False
     arm2 = TORQUE * TORQUE  # any metric will do: the ellipsoid's
-    return bool(_normal(bx, by, bw, 1.0, arm2, bx, by, bw / arm2, True)[0] <= 0.0)
+    return bool(_normal(bx, by, bw, 1.0, arm2, bx, by, bw / arm2, np.bool_(True))[0] <= 0.0)
 
 
 @inline
@@ -274,7 +276,7 @@ def _exact(sx: float, sy: float, sw: float, vx: float, vy: float, w: float, m: f
         nx, ny, nw = sx + ex / m1, sy + ey / m1, sw + ew / i1
         if abs(nx) + abs(ny) + abs(nw) <= 1e-9 * (abs(sx) + abs(sy) + abs(sw)):
             nx, ny, nw = bx, by, bw / (TORQUE * TORQUE)
-        _, hx, hy, hw, steps = _normal(bx, by, bw, m1, i1, nx, ny, nw, False)
+        _, hx, hy, hw, steps = _normal(bx, by, bw, m1, i1, nx, ny, nw, np.bool_(False))
         if steps > STEPS:
             # Not converged: an impulse on the set's surface, shortened until it does no work.
             work = hx * sx + hy * sy + hw * sw

@@ -279,7 +279,7 @@ def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size:
             a, b = U(body[t]), U(body[t + LANES])
             r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
             r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
-            solve_mixed(r, i, 1, per_mass)
+            solve_mixed(r, i, U(1), per_mass)
             vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
             vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
             if r[i + CHANGE] <= rough:
@@ -382,7 +382,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     r, body, hits, mobile = rows.field, rows.body, rows.hits, v.mobile
     touching = TOUCHING * k.width
-    size = 0
+    size = np.int64(0)
     z.size[:] = 0
     for block in range(rows.first[COLOURS]):
         if hits[block] == 0:
@@ -414,7 +414,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     for j in range(z.size[1]):
         i = z.tiles[j]
         z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
-    size = 0
+    size = np.int64(0)
     for j in range(z.size[0]):
         q = z.rows[j]
         at, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)

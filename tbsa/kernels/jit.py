@@ -159,7 +159,8 @@ def _part(function: Callable[..., Any], **options: Any) -> Any:
     arguments = {kind for name, kind in function.__annotations__.items() if name != "return"}
     if arguments <= {"int", "float", "bool"}:
         return _jit(function, **options)
-    part = _jit(function, no_cpython_wrapper=True, **options)
+    # Nothing is allocated in there, so that no references need to be counted.
+    part = _jit(function, no_cpython_wrapper=True, _nrt=False, **options)
     if isinstance(part, CPUDispatcher):  # not with Numba switched off
         part.__class__ = _Part
     return part
@@ -167,7 +168,7 @@ def _part(function: Callable[..., Any], **options: Any) -> Any:
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Jit a function that Python calls: cached on disk, runs without the GIL."""
-    return _cached(_jit(function), function)
+    return _cached(_jit(function, _nrt=True), function)
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -192,6 +193,13 @@ def callback(signature: Any, function: Callable[..., Any]) -> Any:
         _cached(compiled, function)
     compiled.compile()
     return compiled
+
+
+@inline
+def copy(source: np.ndarray, target: np.ndarray, n: int) -> None:
+    """Copy n numbers; ``target[:] = source`` takes seconds to compile, for its error message."""
+    for i in range(U(n)):
+        target[i] = source[i]
 
 
 def columns(length: int, kinds: list[type]) -> list[np.ndarray]:

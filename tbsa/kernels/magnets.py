@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.jit import U, columns, inline, kernel, lane
+from tbsa.kernels.jit import U, columns, copy, inline, kernel, lane
 from tbsa.kernels.neighbours import Pairs
 
 
@@ -184,8 +184,10 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
             mp[m], mq[m], strength[m] = mp[i], mq[i], strength[i]
             m += U(strength[i] != 0.0)
     near.size[0] = m
-    near.x[:], near.y[:], near.angle[:] = x[:n], y[:n], angle[:n]
-    near.margin[:] = margin[:n]
+    copy(x, near.x, n)
+    copy(y, near.y, n)
+    copy(angle, near.angle, n)
+    copy(margin, near.margin, n)
     return int(total)
 
 

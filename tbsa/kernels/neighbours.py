@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.jit import U, inline, kernel
+from tbsa.kernels.jit import U, copy, inline, kernel
 
 
 class Pairs(NamedTuple):
@@ -104,7 +104,7 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
     if found > other.size:
         pairs.margin[:] = -1.0
         return found
-    pairs.margin[:] = margin[:n]
-    pairs.x[:] = x[:n]
-    pairs.y[:] = y[:n]
+    copy(margin, pairs.margin, n)
+    copy(x, pairs.x, n)
+    copy(y, pairs.y, n)
     return found

@@ -370,7 +370,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     ``rows.seen`` are solved at least once, those marked 0 only once a body of theirs has moved.
     Returns the number of passes, or -1 - passes where the limit was reached first.
     """
-    clock = 1
+    clock = np.int64(1)
     v.moved[:] = 0
     if floor.law != 0:
         sweep_floor(floor, k, im, ii, c, s, v, clock, tolerance)
@@ -430,7 +430,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
             r[o + PN1 + i] *= scale
             r[o + PT + i] *= scale
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v, 1, tolerance)
+        sweep_floor(floor, k, im, ii, c, s, v, np.int64(1), tolerance)
 
 
 @inline

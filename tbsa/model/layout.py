@@ -107,7 +107,7 @@ def _place(
             raise _too_many(scene, wanted, f"{len(x) - before} found a place at random without "
                             f"overlap; the tiles would cover {(wanted + before) / area:.2f} of "
                             "the reactor, and random placement ends near 0.5")
-        batch = min(max(2 * (before + wanted - len(x)), 4096), 65536, left)
+        batch = min(max(2 * (before + wanted - len(x)), 256), 65536, left)
         left -= batch
         u, v, turn = numbers.random((batch, 3)).T
         p, q = _point(reactor, u, v)

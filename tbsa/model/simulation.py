@@ -6,7 +6,6 @@ import importlib.util
 import math
 import sys
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from tbsa.kernels import drives
 from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
 from tbsa.kernels.impacts import empty_scratch
-from tbsa.kernels.jit import callback, columns
+from tbsa.kernels.jit import columns
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
@@ -274,20 +273,15 @@ class Simulation:
         )
 
 
-@cache
-def _compiled(function: Callable[..., None]) -> Any:
-    return callback(drives.ENGINE, function)
-
-
 def _engine(scene: Scene) -> tuple[Any, Floats]:
     """The compiled drive of a scene and its parameters."""
     drive = scene.drive
     if drive is None:
-        return _compiled(drives.no_drive), np.zeros(1)
+        return drives.engine(drives.no_drive), np.zeros(1)
     if drive.kind == "user":
         function = _user_function(scene)
         try:
-            return _compiled(function), np.array([*drive.parameters, 0.0])
+            return drives.engine(function), np.array([*drive.parameters, 0.0])
         except Exception as error:
             reason = str(error).strip().splitlines()[0]
             raise InputError(
@@ -296,10 +290,10 @@ def _engine(scene: Scene) -> tuple[Any, Floats]:
             ) from error
     if drive.kind == "constant":
         assert isinstance(drive.force, tuple)
-        return _compiled(drives.constant), np.array([*drive.force, drive.torque])
+        return drives.engine(drives.constant), np.array([*drive.force, drive.torque])
     function = {"unicycle": drives.unicycle, "shaking": drives.shaking}[drive.kind]
     assert isinstance(drive.force, float)
-    return _compiled(function), np.array([drive.force, drive.torque, drive.frequency])
+    return drives.engine(function), np.array([drive.force, drive.torque, drive.frequency])
 
 
 def _user_function(scene: Scene) -> Callable[..., None]:
