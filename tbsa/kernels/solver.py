@@ -437,7 +437,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
 def ways_out(rows: Rows, block: int, k: Numbers, v: Bodies) -> bool:
     """How far the points of a block may or must move (m) into ``want``; whether any must.
 
-    Points that will overlap by more than the slop move a fifth of the way back, never further
+    Points that will overlap by more than the slop move two fifths of the way back, never further
     than 2 % of the width; others may close their gap.
     """
     slop, most = SLOP * k.width, 0.02 * k.width
@@ -452,8 +452,8 @@ def ways_out(rows: Rows, block: int, k: Numbers, v: Bodies) -> bool:
         g0 = r[j + GAP0] + slop + k.h * (along + r[j + BN0] * wb - r[j + AN0] * wa)
         g1 = r[j + GAP1] + slop + k.h * (along + r[j + BN1] * wb - r[j + AN1] * wa)
         g0, g1 = (g0 if count > 0.5 else 1.0), (g1 if count > 1.5 else 1.0)
-        r[j + WANT0] = g0 if g0 > 0.0 else max(0.2 * g0, -most)
-        r[j + WANT1] = g1 if g1 > 0.0 else max(0.2 * g1, -most)
+        r[j + WANT0] = g0 if g0 > 0.0 else max(0.4 * g0, -most)
+        r[j + WANT1] = g1 if g1 > 0.0 else max(0.4 * g1, -most)
         some += 1 if (g0 < 0.0) | (g1 < 0.0) else 0
     return some > 0
 
