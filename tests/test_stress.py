@@ -15,17 +15,9 @@ from theory import magnets
 
 ROWS = stress.rows()
 
-# Rows that the solver does not pass yet.  One that turns green fails here until it is taken out.
-RED = {"step 1/30, shaken"}
 
-
-def marked(rows):
-    return [pytest.param(row, id=row.name, marks=[
-        *([pytest.mark.xfail(strict=True, reason="not reached")] if row.name in RED else []),
-        *([] if row.fast else [pytest.mark.slow])]) for row in rows]
-
-
-@pytest.mark.parametrize("row", marked(ROWS))
+@pytest.mark.parametrize("row", [
+    pytest.param(row, id=row.name, marks=[] if row.fast else [pytest.mark.slow]) for row in ROWS])
 def test_a_hard_scene_stays_finite_inside_shallow_and_within_its_energy(row):
     outcome = stress.run(row)
     assert outcome.green, outcome.why

@@ -2,8 +2,9 @@
 
 One step of length H, of second order in free flight:
 
-    lists   near pairs (kept while nobody has moved too far)
-    rows    which tiles may touch in this step              (contacts.py)
+    lists   near pairs of tiles, and of magnets (kept while nobody has moved too far)
+    forces  of its first half
+    rows    which tiles may touch in this step, at their speeds and under these forces
 
 two halves of it (one part, where the number of substeps is odd), each of length P:
 
@@ -74,7 +75,7 @@ from tbsa.kernels.solver import (
 )
 
 # Error words of `advance`.
-OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST = 0, 1, 2, 3, 4
+OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST, TOO_MANY = 0, 1, 2, 3, 4, 5
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
@@ -114,7 +115,9 @@ class Work(NamedTuple):
     c: np.ndarray  # cos and sin of the angles
     s: np.ndarray
     far: np.ndarray  # m, how far the corners may come in a step
-    margin: np.ndarray  # m, room of a new list
+    speed: np.ndarray  # m/s, of the corners
+    need: np.ndarray  # m, how far they may go before the list of magnets is found anew
+    margin: np.ndarray  # m, ... and the list of pairs
     midx: np.ndarray  # m, rad, where the tiles are at the middle of the step
     midy: np.ndarray
     mid_angle: np.ndarray
@@ -261,12 +264,21 @@ def damp(n: int, linear: float, angular: float, v: Bodies) -> None:
 
 
 @inline
-def ways(n: int, width: float, h: float, v: Bodies, far: np.ndarray) -> None:
-    """How far the corners of each tile may come in a time h, and some more (m)."""
+def speeds(k: Numbers, v: Bodies, speed: np.ndarray) -> None:
+    """How fast the corners of each tile may be."""
     vx, vy, w = v.vx, v.vy, v.w
-    for i in range(U(n)):
-        far[i] = (h * (math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]) + 0.7072 * width * abs(w[i]))
-                  + 0.5 * NEAR * width)
+    for i in range(U(k.n)):
+        speed[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]) + 0.7072 * k.width * abs(w[i])
+
+
+@inline
+def ways(k: Numbers, h: float, mobile: np.ndarray, speed: np.ndarray, fx: np.ndarray,
+         fy: np.ndarray, torque: np.ndarray, far: np.ndarray) -> None:
+    """How far the corners of each tile may come in a time h under these forces, and some more."""
+    fm, fi = 0.5 * h / k.mass, 0.5 * h * 0.7072 * k.width / k.inertia
+    for i in range(U(k.n)):
+        gain = fm * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i]) + fi * abs(torque[i])
+        far[i] = h * (speed[i] + mobile[i] * gain) + 0.5 * NEAR * k.width
 
 
 @inline
@@ -280,40 +292,57 @@ def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
 
 
 @inline
-def find_lists(n: int, width: float, reach: float, tiles: Tiles, law: MagnetLaw,
-               x: np.ndarray, y: np.ndarray, angle: np.ndarray, work: Work,
-               counts: Counts) -> int:
-    """Bring the lists up to date, if a tile may come too far in this step; an error word.
+def fits(found: int, ahead: int, capacity: int) -> bool:
+    """Whether a list has space; at the beginning of a step also for some more in its middle."""
+    return found + ahead * (found // 4 + 64) <= capacity
 
-    `work.far` is how far the tiles' corners may go.  A list has a margin for every tile, after
-    its speed, so that a single fast one does not make it long or short-lived for all.
+
+@inline
+def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndarray,
+               need: np.ndarray, ahead: int, work: Work, counts: Counts) -> int:
+    """Bring the pair list up to date, if a tile that goes as `need` (m) may come too far.
+
+    A list has a margin for every tile, after its speed, so that a single fast one does not make
+    it long or short-lived for all.  In the middle of a step (`ahead` 0) there are no margins, so
+    that the list fits in where a longer one has.  Returns an error word.
     """
-    far, margin, pairs, near = work.far, work.margin, work.pairs, work.magnets
-    known = 0.5 * NEAR * width
-    old = law.cutoff > 0.0 and magnets_stale(near, n, law.offset, x, y, angle, far)
-    if old:
-        for i in range(n):
-            margin[i] = MAGNET_ROOM * width + MAGNET_STEPS * (far[i] - known) + known
-    if stale(pairs, n, x, y, margin if old else far):
-        for i in range(n):
-            way = far[i] - known
-            way = max(min(PAIR_STEPS * way, PAIR_MOST * width), (MAGNET_STEPS + 2.0) * way)
-            margin[i] = PAIR_ROOM * width + known + way
-        found = build_pairs(pairs, n, x, y, tiles.mobile, reach, margin)
-        if found < 0:
-            return NOT_FINITE
-        if found > pairs.other.size:
-            return MORE_PAIRS
-        counts.lists[0] += 1
-    if old:
-        for i in range(n):
-            margin[i] = MAGNET_ROOM * width + MAGNET_STEPS * (far[i] - known) + known
-        turn(n, angle, work.c, work.s)
-        if list_magnets(law, pairs, n, tiles.glues, x, y, angle, work.c, work.s, margin,
-                        near) > near.p.size:
-            return MORE_PAIRS
-        counts.magnet_lists[0] += 1
-    return OK
+    margin, speed, pairs = work.margin, work.speed, work.pairs
+    if not stale(pairs, k.n, x, y, need):
+        return OK
+    for i in range(k.n):
+        way = min(PAIR_STEPS * k.substeps * k.h * speed[i], PAIR_MOST * k.width)
+        margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
+    found = build_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin)
+    counts.lists[0] += 1
+    if found < 0:
+        return NOT_FINITE
+    return OK if fits(found, ahead, pairs.other.size) else MORE_PAIRS
+
+
+@inline
+def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: MagnetLaw,
+                 x: np.ndarray, y: np.ndarray, angle: np.ndarray, ahead: int, work: Work,
+                 counts: Counts) -> int:
+    """Bring the list of magnet pairs up to date for the places at a time `half` from now.
+
+    So no pair within the cut-off is ever missing, whatever the age of the list.  Returns an
+    error word.
+    """
+    need, speed, near = work.need, work.speed, work.magnets
+    for i in range(U(k.n)):
+        need[i] = half * speed[i]
+    if not magnets_stale(near, k.n, law.offset, x, y, angle, need):
+        return OK
+    if ahead > 0:
+        for i in range(U(k.n)):
+            need[i] += MAGNET_ROOM * k.width + MAGNET_STEPS * k.substeps * k.h * speed[i]
+    error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
+    if error != OK:
+        return int(error)
+    turn(k.n, angle, work.c, work.s)
+    counts.magnet_lists[0] += 1
+    found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need, near)
+    return OK if fits(found, ahead, near.p.size) else MORE_PAIRS
 
 
 @inline
@@ -342,7 +371,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     """Advance by `steps` steps, the first of which is number `first` of the run.
 
     Returns the error word and the steps done; on MORE_PAIRS and MORE_ROWS the state is that
-    before the step that failed, and the caller goes on with more space.
+    before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs have
+    multiplied within a step.
     """
     n, h, step_length = k.n, k.h, k.substeps * k.h
     x, y, angle = state.x, state.y, state.angle
@@ -356,18 +386,27 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     contacts = reach > 0.0 or k.wall != 0
     parts = 2 if k.substeps % 2 == 0 else 1
-    far = work.far
+    part_length, magnetic = step_length / parts, magnets.cutoff > 0.0 and reach > 0.0
+    far, speed = work.far, work.speed
     work.magnets.margin[:] = -1.0  # nothing is known yet
     rows.first[:] = 0
     error, done = OK, 0
     m, known = np.int64(0), False
     for step in range(steps):
-        ways(n, k.width, step_length, v, far)
-        if reach > 0.0:
-            error = find_lists(n, k.width, reach, tiles, magnets, x, y, angle, work, counts)
+        speeds(k, v, speed)
+        if magnetic:
+            error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
+                                 np.int64(1), work, counts)
             if error != OK:
                 break
+        find_forces((first + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
+                    magnets, drive, drive_parameters, x, y, angle, work)
         if contacts:
+            ways(k, step_length, v.mobile, speed, work.fx, work.fy, work.torque, far)
+            if reach > 0.0:
+                error = find_pairs(k, reach, tiles, x, y, far, np.int64(1), work, counts)
+                if error != OK:
+                    break
             turn(n, angle, c, s)
             found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y,
                                        x, y, c, s, tiles.mobile, far)
@@ -384,9 +423,15 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 error = TOO_FAST
                 break
         for part in range(parts):
-            find_forces((first + step + (part + 0.5) / parts) * step_length, n,
-                        0.5 * step_length / parts, tiles, magnets, drive, drive_parameters, x, y,
-                        angle, work)
+            if part > 0:
+                if magnetic:
+                    speeds(k, v, speed)
+                    if find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
+                                    np.int64(0), work, counts) != OK:
+                        return TOO_MANY, done
+                find_forces((first + step) * step_length + (part + 0.5) * part_length, n,
+                            0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y,
+                            angle, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
             for _ in range(k.substeps // parts):
                 drift(n, 0.5 * h, v, x, y, angle)

@@ -395,7 +395,7 @@ def place_walls(rows: Rows, block: int, n: int, width: float, h: float, wall: in
         r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
         r[o + PN0 + i] *= count
         r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
-        r[o + WARM0 + i], r[o + WARMT + i] = r[o + PN0 + i], r[o + PT + i]
+        r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = r[o + PN0 + i], 0.0, r[o + PT + i]
         r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
 
 

@@ -91,7 +91,7 @@ class Simulation:
         self.steps = 0
         self.h = scene.solver.step
         ground = np.zeros(1)
-        capacity = 8 * n + 16
+        capacity = 10 * n + 128
         free = np.where(layout.held, 0.0, 1.0)
         x, y, angle, vx, vy, omega = (
             np.concatenate([np.asarray(values, float), ground])
@@ -143,7 +143,7 @@ class Simulation:
 
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
-        scratch = columns(n + 1, [float] * 10)
+        scratch = columns(n + 1, [float] * 12)
         rows = empty_rows(n, capacity + 8 * n + 64)
         return core.Work._make([
             empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
@@ -210,6 +210,11 @@ class Simulation:
                 raise SimulationError(
                     f"a tile has {speed:.3g} m/s at t = {self.time} s and would go further than "
                     f"half its width in a substep of {self.numbers.h:.3g} s; use shorter steps"
+                )
+            elif error == core.TOO_MANY:
+                raise SimulationError(
+                    f"at t = {self.time} s tiles come together so fast that pairs multiply within "
+                    f"a step of {self.h:.3g} s; use shorter steps"
                 )
             elif error == core.NOT_FINITE:
                 raise SimulationError(
