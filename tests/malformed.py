@@ -260,6 +260,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "120.0 must be a number above 0 to 0.1 s"),
     ("no substeps", GOOD + "[solver]\nsubsteps = 0\n", "solver.substeps",
      "0 must be an integer from 1 to 1000"),
+    ("a switch as a number", GOOD + "[solver]\nkeep_lists = 1\n", "solver.keep_lists",
+     "1 must be true or false"),
     ("substeps as a float", GOOD + "[solver]\nsubsteps = 4.0\n", "solver.substeps",
      "4.0 must be an integer from 1 to 1000"),
     ("no tolerance", GOOD + "[solver]\ntolerance = 0\n", "solver.tolerance",

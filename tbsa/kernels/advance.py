@@ -136,6 +136,8 @@ class Counts(NamedTuple):
     magnet_pairs: np.ndarray  # magnet pairs whose force was found, summed over evaluations
     rows: np.ndarray  # manifolds solved, summed over substeps
     passes: np.ndarray  # solver passes
+    blocks: np.ndarray  # blocks of manifolds, summed over passes
+    unsolved: np.ndarray  # of these left out, as they had converged
     unconverged: np.ndarray  # substeps that ended at the limit of passes
     impacts: np.ndarray  # points that hit
     projections: np.ndarray  # substeps with overlap beyond the slop
@@ -307,7 +309,7 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     that the list fits in where a longer one has.  Returns an error word.
     """
     margin, speed, pairs = work.margin, work.speed, work.pairs
-    if not stale(pairs, k.n, x, y, need):
+    if ahead * k.keep_lists == ahead and not stale(pairs, k.n, x, y, need):
         return OK
     for i in range(k.n):
         way = min(PAIR_STEPS * k.substeps * k.h * speed[i], PAIR_MOST * k.width)
@@ -331,7 +333,8 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     need, speed, near = work.need, work.speed, work.magnets
     for i in range(U(k.n)):
         need[i] = half * speed[i]
-    if not magnets_stale(near, k.n, law.offset, x, y, angle, need):
+    if (ahead * k.keep_lists == ahead
+            and not magnets_stale(near, k.n, law.offset, x, y, angle, need)):
         return OK
     if ahead > 0:
         for i in range(U(k.n)):
@@ -390,6 +393,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     far, speed = work.far, work.speed
     work.magnets.margin[:] = -1.0  # nothing is known yet
     rows.first[:] = 0
+    rows.effort[:] = 0
     error, done = OK, 0
     m, known = np.int64(0), False
     for step in range(steps):
@@ -474,6 +478,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     copy(vy, state.vy, n + 1)
     copy(w, state.omega, n + 1)
     counts.substeps[0] += done * k.substeps
+    counts.blocks[0] += rows.effort[0]
+    counts.unsolved[0] += rows.effort[1]
     for i in range(n):
         if not (np.isfinite(vx[i]) and np.isfinite(vy[i]) and np.isfinite(w[i])):
             error = NOT_FINITE

@@ -89,6 +89,7 @@ class Rows(NamedTuple):
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     size: np.ndarray  # int64[1], rows
+    effort: np.ndarray  # int64[2], blocks in all passes of this call, and those left out
 
 
 class Impulses(NamedTuple):
@@ -114,7 +115,8 @@ def empty_rows(n: int, capacity: int) -> Rows:
     return Rows._make([
         *lists[0], field[shift : shift + blocks * int(BLOCK)],
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
-        np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(1, np.int64)])
+        np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(1, np.int64),
+        np.zeros(2, np.int64)])
 
 
 def empty_impulses(capacity: int) -> Impulses:

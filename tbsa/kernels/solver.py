@@ -86,6 +86,8 @@ class Numbers(NamedTuple):
     threshold: float  # m/s, slower impacts are plastic
     tolerance: float  # m/s
     passes: int
+    keep_lists: int  # 1, or 0: find pairs and magnet pairs anew every step
+    skip_converged: int  # 1, or 0: solve every block in every pass
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
     wall_y: float  # m, half the height
@@ -280,8 +282,10 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
 
 @inline
 def sweep_rows(rows: Rows, per_mass: float, v: Bodies, tolerance: float, clock: int,
-               forward: bool) -> tuple[float, int]:
+               forward: bool, skip: int) -> tuple[float, int]:
     """One pass over the blocks of which a body has moved since they were last solved.
+
+    With `skip` 0 it is one over all blocks.
 
     Returns the largest contact velocity that a row changed, and the clock.
     """
@@ -293,12 +297,14 @@ def sweep_rows(rows: Rows, per_mass: float, v: Bodies, tolerance: float, clock: 
         colour = q if forward else COLOURS - 1 - q
         m = 0
         for block in range(first[colour], first[colour + 1]):
-            t, since = U(block) * BODIES, seen[block]
+            t, since = U(block) * BODIES, seen[block] if skip != 0 else -1
             some = False
             for i in range(BODIES):
                 some |= moved[U(body[t + i])] > since
             active[m] = block
             m += some
+        rows.effort[0] += first[colour + 1] - first[colour]
+        rows.effort[1] += first[colour + 1] - first[colour] - m
         if m == 0:
             continue
         clock += 1
@@ -377,7 +383,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     done = -1 - k.passes
     for p in range(k.passes):
         worst, clock = sweep_rows(rows, ii / im, v, tolerance, clock,
-                                  p < 4 or p % 2 == 0)
+                                  p < 4 or p % 2 == 0, k.skip_converged)
         if worst <= tolerance:
             done = p + 1
             break

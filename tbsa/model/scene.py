@@ -140,6 +140,8 @@ class Solver:
     substeps: int = 4  # per step: contacts are solved once a substep
     tolerance: float = 3e-4  # m/s: a pass that changes no contact velocity by more ends the solve
     passes: int = 40  # at most, a substep
+    keep_lists: bool = True  # of near pairs, while nobody comes too far; off: found every step
+    skip_converged: bool = True  # blocks that no longer change; off: every pass solves all
 
 
 @dataclass(frozen=True)
@@ -355,6 +357,8 @@ RULES: dict[type, dict[str, Rule]] = {
         "substeps": _integer(1, 1000),
         "tolerance": _number(0, 1, "m/s", above=True),
         "passes": _integer(1, 100_000),
+        "keep_lists": _boolean,
+        "skip_converged": _boolean,
     },
     Record: {
         "interval": _number(0, 1e9, "s", above=True),

@@ -120,6 +120,8 @@ class Simulation:
             mu=float(body.friction), mu_wall=float(wall_friction), e=float(body.restitution),
             e_wall=float(wall_restitution), threshold=float(body.restitution_threshold),
             tolerance=float(scene.solver.tolerance), passes=int(scene.solver.passes),
+            keep_lists=int(scene.solver.keep_lists),
+            skip_converged=int(scene.solver.skip_converged),
             wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
             wall_x=0.0 if wall is None else float(wall.radius if circle else 0.5 * wall.width),
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,

@@ -21,21 +21,21 @@ ROWS = 40  # of the table of wrong tiles; the most dangerous come first
 DONE = {
     "substeps": ("substeps", ""),
     "lists": ("lists of near pairs built", "a step"),
+    "magnet_lists": ("lists of magnet pairs built", "a step"),
+    "magnet_pairs": ("magnet pairs with a force computed", "a step"),
     "rows": ("manifolds solved", "a substep"),
     "passes": ("passes of the contact solver", "a substep"),
-    "solved": ("blocks of eight manifolds solved", "of blocks"),
+    "blocks": ("blocks of eight manifolds in all passes", "a substep"),
     "unconverged": ("substeps at the limit of passes", "of substeps"),
     "impacts": ("points that hit", "a substep"),
     "projections": ("substeps with deep overlap moved back", "of substeps"),
-    "magnet_pairs": ("magnet pairs with a force computed", "a step"),
 }
 LEFT_OUT = {
-    "asleep": ("tiles asleep, summed over substeps", "of tiles"),
+    "kept_lists": ("steps with an older list of near pairs", "of steps"),
+    "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps"),
     "unsolved": ("blocks that had converged", "of blocks"),
-    "out_of_reach": ("magnet pairs looked at, out of reach", "of magnet_checks"),
-    "still_pairs": ("tile pairs that kept their magnet force", "a step"),
 }
-_SHOWN_WITH_OTHERS = {"tiles", "blocks", "magnet_checks", "overlap", "deepest"}
+_SHOWN_WITH_OTHERS = {"overlap", "deepest", "steps"}
 
 
 def describe(scene: Scene) -> str:
@@ -99,11 +99,11 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
         Wall time of the run (s).
     """
     known = {name: int(value) for name, value in counts.items() if np.ndim(value) == 0}
-    if "blocks" in known and "solved" in known:
-        known["unsolved"] = known["blocks"] - known["solved"]
-    if "magnet_checks" in known and "magnet_pairs" in known:
-        known["out_of_reach"] = known["magnet_checks"] - known["magnet_pairs"]
     substeps = max(known.get("substeps", 0), 1)
+    known["steps"] = known.get("substeps", 0) // scene.solver.substeps
+    for name in ("lists", "magnet_lists"):
+        if known.get(name, 0) > 0:
+            known[f"kept_{name}"] = max(known["steps"] - known[name], 0)
     by = {"a substep": substeps, "a step": substeps / scene.solver.substeps}
 
     def row(name: str, what: str, per: str) -> tuple[str, int, str]:
