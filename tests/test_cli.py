@@ -640,3 +640,42 @@ def test_a_drive_that_cannot_be_compiled_is_bad_input(tmp_path, capsys):
     for word in ("scene.toml", "drive.function", "push", "cannot be compiled as a drive"):
         assert word in error
     assert not out.exists()
+
+
+# --- fields set on the command line ------------------------------------------------------------
+
+
+def test_run_sets_fields_of_the_scene(tmp_path, monkeypatch, capsys):
+    """A number, a word, a field of an array, and a kind whose old fields go."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(
+        '[tiles]\nset = "chessboard"\n[free]\nnumber = 4\n[reactor]\nshape = "circle"\n'
+        'radius = 0.15\n[floor]\n[drive]\nkind = "unicycle"\nforce = 0.05\ntorque = 1e-3\n'
+        "frequency = 0.1\n[record]\ninterval = 0.05\n")
+    settings = ["drive.kind=shaking", "drive.force = 0.06", "floor.law=coupled",
+                "tiles.type[1].family=0", "solver.substeps=5"]
+    assert cli.main(["run", "scene.toml", "--duration", "0.05", "--out", "out", "--quiet",
+                     *(part for each in settings for part in ("--set", each))]) == 0
+    scene = tbsa.load("out/scene.toml")
+    assert (scene.drive.kind, scene.drive.force, scene.drive.torque) == ("shaking", 0.06, 0.0)
+    assert (scene.floor.law, scene.types[1].family, scene.solver.substeps) == ("coupled", 0, 5)
+
+
+@pytest.mark.parametrize(("setting", "words"), [
+    ("drive.force", "--set: 'drive.force' must be NAME=VALUE"),
+    ("=1", "--set: '=1' must be NAME=VALUE"),
+    ("drive.force=much", "drive.force: 'much' must be a number from 0"),
+    ("drive.forc=1", 'did you mean "force"?'),
+    ("tiles.type[7].family=1", "--set tiles.type[7].family: 1 cannot be set"),
+    ("solver.step=nan", "solver.step: nan must be a number above 0"),
+])
+def test_a_setting_that_cannot_be_is_refused(setting, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(
+        '[tiles]\nset = "chessboard"\n[free]\nnumber = 2\n[reactor]\nshape = "circle"\n'
+        'radius = 0.15\n[drive]\nkind = "shaking"\nforce = 0.05\nfrequency = 0.3\n')
+    assert cli.main(["run", "scene.toml", "--out", "out", "--set", setting]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not Path("out").exists()

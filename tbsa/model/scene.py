@@ -593,7 +593,11 @@ def load(path: str | Path, *, seed: int | None = None, duration: float | None = 
     InputError
         When the file cannot be read, is not TOML, or holds a value that is not allowed.
     """
-    scene = parse(read_toml(path), str(path))
+    return of_run(parse(read_toml(path), str(path)), seed, duration)
+
+
+def of_run(scene: Scene, seed: int | None, duration: float | None) -> Scene:
+    """The scene with another ``run.seed`` and ``run.duration`` (s), where they are given."""
     if seed is None and duration is None:
         return scene
     run = Run(scene.run.duration if duration is None else duration,

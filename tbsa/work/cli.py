@@ -58,6 +58,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--duration", type=float, metavar="S", help="simulated seconds, likewise")
     run.add_argument("--out", type=Path, metavar="DIR",
                      help="the run's folder (default: runs/NAME-SEED)")
+    run.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
+                     help="a field of the scene, such as drive.force=0.06; may be repeated")
     run.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.add_argument("--report", action="store_true",
@@ -158,9 +160,15 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(arguments: argparse.Namespace) -> int:
     from tbsa.model.records import run
-    from tbsa.model.scene import load
+    from tbsa.model.scene import load, of_run
 
-    scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
+    if arguments.settings:
+        from tbsa.work.plan import changed
+
+        scene = of_run(changed(arguments.config, arguments.settings), arguments.seed,
+                       arguments.duration)
+    else:
+        scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
     again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
                         "--resume"])

@@ -21,7 +21,8 @@ import copy
 import hashlib
 import itertools
 import re
-from collections.abc import Iterator, Mapping
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -129,6 +130,42 @@ def read_plan(path: str | Path) -> list[Planned]:
         When the file, a scene that it names, or a value that it sets is not allowed.
     """
     return _Reader(Path(path)).runs()
+
+
+def changed(path: str | Path, settings: Sequence[str]) -> Scene:
+    """The scene of a file with some fields set, as ``tbsa run --set drive.force=0.06`` does.
+
+    Parameters
+    ----------
+    path
+        The scene's file.
+    settings
+        ``NAME=VALUE`` each: the dotted name of a field, and its value as in TOML; a word that is
+        no value in TOML is a string.
+
+    Raises
+    ------
+    InputError
+        Where a setting is not of this form, names no field, or gives a value that is not allowed.
+    """
+    tables, fields = read_toml(path), {}
+    for text in settings:
+        name, sign, value = (part.strip() for part in text.partition("="))
+        if not sign or not all(FIELD.fullmatch(part) for part in name.split(".")):
+            raise InputError("must be NAME=VALUE with the dotted name of a field of the scene, "
+                             "such as drive.force=0.06", field="--set", value=text)
+        try:
+            fields[name] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            fields[name] = value
+        try:
+            _assign(tables, name, fields[name])
+        except (LookupError, TypeError):
+            raise InputError(f"cannot be set: {path} has no place for it", field=f"--set {name}",
+                             value=fields[name]) from None
+    for name in fields:
+        _drop(tables, name, fields)
+    return parse(tables, str(path))
 
 
 class _Reader:
