@@ -240,3 +240,23 @@ def test_the_paper_start_and_ten_thousand_tiles_take_moments():
     many = initial_layout(free({"black": 10_000}, Reactor("circle", radius=2.55)))  # 44 %
     assert time.perf_counter() - start < 15.0
     assert len(many.x) == 10_000
+
+
+def test_a_large_crowd_is_numbered_by_place(monkeypatch):
+    """The same tiles, each with its type and angle; random ones that are near have near numbers."""
+    scene = parse(
+        '[tiles]\nset = "chessboard"\n[seed]\nshape = "cross"\narm = 1\n[free]\nnumber = 300\n'
+        '[reactor]\nshape = "circle"\nradius = 0.5\n')
+    plain = initial_layout(scene)
+    monkeypatch.setattr(module, "CROWD", 200)
+    sorted_ = initial_layout(scene)
+
+    def tiles(layout):
+        return sorted(zip(layout.x, layout.y, layout.angle, layout.type, strict=True))
+
+    def steps(layout):
+        return np.median(np.hypot(np.diff(layout.x[5:]), np.diff(layout.y[5:])))
+
+    assert tiles(plain) == tiles(sorted_)
+    assert (plain.x[:5] == sorted_.x[:5]).all()
+    assert steps(sorted_) < 0.25 * steps(plain)

@@ -53,6 +53,11 @@ def floor_limits(scene: Scene) -> tuple[float, float]:
     return force, floor.angular * weight * TORQUE * body.width
 
 
+def _rows(pairs: int) -> int:
+    """Manifolds that there is space for beside so many near pairs, half of which touch at most."""
+    return pairs // 2 + 64
+
+
 class Simulation:
     """One run of a scene.
 
@@ -99,7 +104,7 @@ class Simulation:
                            layout.vy * free, layout.omega * free)
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
-                                empty_impulses(capacity + 8 * n + 64))
+                                empty_impulses(_rows(capacity)))
         types = scene.types
         self.tiles = core.Tiles(
             np.concatenate([free, ground]),
@@ -146,7 +151,7 @@ class Simulation:
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
         scratch = columns(n + 1, [float] * 12)
-        rows = empty_rows(n, capacity + 8 * n + 64)
+        rows = empty_rows(n, _rows(capacity))
         return core.Work._make([
             empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
             empty_scratch(n, rows.seen.size), *scratch,
@@ -231,7 +236,7 @@ class Simulation:
     def _grow(self) -> None:
         capacity = 2 * self._work.pairs.other.size
         self._work = self._space(capacity)
-        old, new = self.state.impulses, empty_impulses(capacity + 8 * self.numbers.n + 64)
+        old, new = self.state.impulses, empty_impulses(_rows(capacity))
         for a, b in zip(old, new, strict=True):
             b[: a.size] = a
         self.state = self.state._replace(impulses=new)
