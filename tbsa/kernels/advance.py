@@ -79,8 +79,8 @@ OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST, TOO_MANY = 0, 1, 2, 3, 4, 5
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
-PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 16.0, 0.1, 0.5
-MAGNET_STEPS, MAGNET_ROOM = 4.0, 0.02
+PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 8.0, 0.35, 0.5
+MAGNET_STEPS, MAGNET_ROOM = 3.0, 0.03
 
 
 class State(NamedTuple):
@@ -115,9 +115,12 @@ class Work(NamedTuple):
     c: np.ndarray  # cos and sin of the angles
     s: np.ndarray
     far: np.ndarray  # m, how far the corners may come in a step
+    way: np.ndarray  # m, how far the centres may
+    pace: np.ndarray  # m/s, of the centres
     speed: np.ndarray  # m/s, of the corners
-    need: np.ndarray  # m, how far they may go before the list of magnets is found anew
-    margin: np.ndarray  # m, ... and the list of pairs
+    need: np.ndarray  # m, how far they may go before the list of magnets is found anew: centres
+    turning: np.ndarray  # m, ... and magnets
+    margin: np.ndarray  # m, how far the centres may go before the list of pairs is
     midx: np.ndarray  # m, rad, where the tiles are at the middle of the step
     midy: np.ndarray
     mid_angle: np.ndarray
@@ -266,21 +269,30 @@ def damp(n: int, linear: float, angular: float, v: Bodies) -> None:
 
 
 @inline
-def speeds(k: Numbers, v: Bodies, speed: np.ndarray) -> None:
-    """How fast the corners of each tile may be."""
+def speeds(k: Numbers, v: Bodies, pace: np.ndarray, speed: np.ndarray) -> None:
+    """How fast the centre of each tile is, and how fast its corners may be."""
     vx, vy, w = v.vx, v.vy, v.w
     for i in range(U(k.n)):
-        speed[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]) + 0.7072 * k.width * abs(w[i])
+        pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
+        speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
 
 
 @inline
-def ways(k: Numbers, h: float, mobile: np.ndarray, speed: np.ndarray, fx: np.ndarray,
-         fy: np.ndarray, torque: np.ndarray, far: np.ndarray) -> None:
-    """How far the corners of each tile may come in a time h under these forces, and some more."""
+def ways(k: Numbers, h: float, work: Work) -> None:
+    """How far centre and corners of each tile may come in a time h under the forces of this
+    step, and some more.
+
+    A tile that spins stays within its circumscribed circle: its pairs are found by the way of
+    the centre alone.
+    """
+    pace, speed, way, far, mobile = work.pace, work.speed, work.way, work.far, work.bodies.mobile
+    fx, fy, torque = work.fx, work.fy, work.torque
     fm, fi = 0.5 * h / k.mass, 0.5 * h * 0.7072 * k.width / k.inertia
+    more = 0.5 * NEAR * k.width
     for i in range(U(k.n)):
-        gain = fm * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i]) + fi * abs(torque[i])
-        far[i] = h * (speed[i] + mobile[i] * gain) + 0.5 * NEAR * k.width
+        gain = mobile[i] * fm * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i])
+        way[i] = h * (pace[i] + gain) + more
+        far[i] = h * (speed[i] + gain + mobile[i] * fi * abs(torque[i])) + more
 
 
 @inline
@@ -308,11 +320,11 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     it long or short-lived for all.  In the middle of a step (`ahead` 0) there are no margins, so
     that the list fits in where a longer one has.  Returns an error word.
     """
-    margin, speed, pairs = work.margin, work.speed, work.pairs
+    margin, pace, pairs = work.margin, work.pace, work.pairs
     if ahead * k.keep_lists == ahead and not stale(pairs, k.n, x, y, need):
         return OK
     for i in range(k.n):
-        way = min(PAIR_STEPS * k.substeps * k.h * speed[i], PAIR_MOST * k.width)
+        way = min(PAIR_STEPS * k.substeps * k.h * pace[i], PAIR_MOST * k.width)
         margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
     found = build_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin)
     counts.lists[0] += 1
@@ -330,21 +342,25 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     So no pair within the cut-off is ever missing, whatever the age of the list.  Returns an
     error word.
     """
-    need, speed, near = work.need, work.speed, work.magnets
+    need, turning, pace, speed, near = (work.need, work.turning, work.pace, work.speed,
+                                        work.magnets)
     for i in range(U(k.n)):
-        need[i] = half * speed[i]
+        need[i], turning[i] = half * pace[i], half * speed[i]
     if (ahead * k.keep_lists == ahead
-            and not magnets_stale(near, k.n, law.offset, x, y, angle, need)):
+            and not magnets_stale(near, k.n, law.offset, x, y, angle, need, turning)):
         return OK
     if ahead > 0:
+        more, time = MAGNET_ROOM * k.width, MAGNET_STEPS * k.substeps * k.h
         for i in range(U(k.n)):
-            need[i] += MAGNET_ROOM * k.width + MAGNET_STEPS * k.substeps * k.h * speed[i]
+            need[i] += more + time * pace[i]
+            turning[i] += more + time * speed[i]
     error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
     if error != OK:
         return int(error)
     turn(k.n, angle, work.c, work.s)
     counts.magnet_lists[0] += 1
-    found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need, near)
+    found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
+                         turning, near)
     return OK if fits(found, ahead, near.p.size) else MORE_PAIRS
 
 
@@ -390,14 +406,14 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     contacts = reach > 0.0 or k.wall != 0
     parts = 2 if k.substeps % 2 == 0 else 1
     part_length, magnetic = step_length / parts, magnets.cutoff > 0.0 and reach > 0.0
-    far, speed = work.far, work.speed
+    far, way = work.far, work.way
     work.magnets.margin[:] = -1.0  # nothing is known yet
     rows.first[:] = 0
     rows.effort[:] = 0
     error, done = OK, 0
     m, known = np.int64(0), False
     for step in range(steps):
-        speeds(k, v, speed)
+        speeds(k, v, work.pace, work.speed)
         if magnetic:
             error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
                                  np.int64(1), work, counts)
@@ -406,14 +422,14 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         find_forces((first + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
                     magnets, drive, drive_parameters, x, y, angle, work)
         if contacts:
-            ways(k, step_length, v.mobile, speed, work.fx, work.fy, work.torque, far)
+            ways(k, step_length, work)
             if reach > 0.0:
-                error = find_pairs(k, reach, tiles, x, y, far, np.int64(1), work, counts)
+                error = find_pairs(k, reach, tiles, x, y, way, np.int64(1), work, counts)
                 if error != OK:
                     break
             turn(n, angle, c, s)
             found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y,
-                                       x, y, c, s, tiles.mobile, far)
+                                       x, y, c, s, tiles.mobile, way, far)
             if found < 0:
                 error = MORE_ROWS
                 break
@@ -429,7 +445,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         for part in range(parts):
             if part > 0:
                 if magnetic:
-                    speeds(k, v, speed)
+                    speeds(k, v, work.pace, work.speed)
                     if find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
                                     np.int64(0), work, counts) != OK:
                         return TOO_MANY, done

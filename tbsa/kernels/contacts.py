@@ -129,8 +129,9 @@ def empty_impulses(capacity: int) -> Impulses:
 @inline
 def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
               wall_x: float, wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray,
-              s: np.ndarray, mobile: np.ndarray, far: np.ndarray) -> Any:
-    """List what may touch in this step, in which the tiles' corners go as `far` as this (m).
+              s: np.ndarray, mobile: np.ndarray, way: np.ndarray, far: np.ndarray) -> Any:
+    """List what may touch in this step, in which the tiles' centres go as far as `way` and their
+    corners as `far` as this (m).
 
     Returns the number of new rows, -1 where they do not fit, and whether they are others than
     the rows that there are.
@@ -141,12 +142,12 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
     before, m, same = rows.size[0], 0, True
     half, room = 0.5 * width, ra.size
     for a in range(n):
-        far_a = far[a]
+        way_a, far_a = way[a], far[a]
         for k in range(start[a], start[a + 1]):
             b = U(other[k])
             dx, dy = x[b] - x[a], y[b] - y[a]
             margin = far_a + far[b]
-            if dx * dx + dy * dy > (1.41422 * width + margin) ** 2:
+            if dx * dx + dy * dy > (1.41422 * width + way_a + way[b]) ** 2:
                 continue
             cos, sin = c[a] * c[b] + s[a] * s[b], c[a] * s[b] - s[a] * c[b]
             on_a = max(abs(dx * c[a] + dy * s[a]), abs(dy * c[a] - dx * s[a]))
@@ -160,7 +161,7 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             m += 1
         if wall == 0 or mobile[a] == 0.0:
             continue
-        reach = 0.70711 * width + far_a
+        reach = 0.70711 * width + way_a
         if wall == CIRCLE:
             near = wall_x - reach
             if near > 0.0 and x[a] * x[a] + y[a] * y[a] < near * near:

@@ -64,7 +64,8 @@ class MagnetPairs(NamedTuple):
     x: np.ndarray  # float64[n], m, rad, where the tiles were when they were listed
     y: np.ndarray
     angle: np.ndarray
-    margin: np.ndarray  # float64[n], m, how far the magnets of each may go; -1: never listed
+    way: np.ndarray  # float64[n], m, how far the centre of each may go
+    margin: np.ndarray  # float64[n], m, ... and its magnets; -1: never listed
     hx: np.ndarray  # float64[capacity], from p to q (m), then the force on p (N)
     hy: np.ndarray
     ax: np.ndarray  # float64[4 n], m, magnets as seen from the tiles' centres
@@ -80,7 +81,7 @@ def empty_magnet_pairs(n: int, pairs: int) -> MagnetPairs:
     of_pairs = columns(pairs, [int] * 3 + [float] * 7)
     p, q, strength, hx, hy = columns(3 * pairs + 16, [int, int, float, float, float])
     near = MagnetPairs._make([*of_pairs, p, q, strength, np.zeros(1, np.int64),
-                              *columns(n, [float] * 4), hx, hy, *columns(4 * n, [float] * 6)])
+                              *columns(n, [float] * 5), hx, hy, *columns(4 * n, [float] * 6)])
     near.margin[:] = -1.0
     return near
 
@@ -101,13 +102,13 @@ def four(ux: float, uy: float, cd: float, sd: float, r2: float) -> int:
 
 @inline
 def magnets_stale(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np.ndarray,
-                  angle: np.ndarray, far: np.ndarray) -> bool:
-    """Whether a tile whose magnets go as `far` as this from here (m) may need a new list."""
-    px, py, was, margin = near.x, near.y, near.angle, near.margin
+                  angle: np.ndarray, way: np.ndarray, far: np.ndarray) -> bool:
+    """Whether a tile needs a new list whose centre goes so far from here, and its magnets (m)."""
+    px, py, was, centre, margin = near.x, near.y, near.angle, near.way, near.margin
     some = 0
     for i in range(U(n)):
         dx, dy, turned = x[i] - px[i], y[i] - py[i], offset * abs(angle[i] - was[i])
-        room = margin[i] - far[i] - turned
+        room = min(margin[i] - far[i] - turned, centre[i] - way[i])
         some += 0 if (room >= 0.0) & (dx * dx + dy * dy <= room * room) else 1
     return some > 0
 
@@ -132,8 +133,10 @@ def place_magnets(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np
 @inline
 def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.ndarray,
                  y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray,
-                 margin: np.ndarray, near: MagnetPairs) -> int:
+                 way: np.ndarray, margin: np.ndarray, near: MagnetPairs) -> int:
     """List the magnet pairs nearer than the cut-off and both margins (m).
+
+    `way` are the margins of the centres: turning does not bring magnets nearer than these do.
 
     Returns the number of them; where that exceeds the capacity the list is of no use.
     """
@@ -145,7 +148,7 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
         for k in range(start[a], start[a + 1]):
             b = U(other[k])
             rx, ry = x[b] - x[a], y[b] - y[a]
-            reach = law.cutoff + 2.0 * d + margin[a] + margin[b]
+            reach = law.cutoff + 2.0 * d + way[a] + way[b]
             # Written in any case and kept by moving on, as no branch can be foreseen.
             of_a[found], of_b[found] = a, other[k]
             found += U(rx * rx + ry * ry < reach * reach)
@@ -187,6 +190,7 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
     copy(x, near.x, n)
     copy(y, near.y, n)
     copy(angle, near.angle, n)
+    copy(way, near.way, n)
     copy(margin, near.margin, n)
     return int(total)
 
@@ -240,7 +244,7 @@ def magnet_forces(law: MagnetLaw, pairs: Pairs, glues: np.ndarray, x: np.ndarray
     """
     n = x.size
     c, s = np.cos(angle), np.sin(angle)
-    m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, np.zeros(n), near)
+    m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, np.zeros(n), np.zeros(n), near)
     if m <= near.p.size:
         add_magnet_forces(law, n, near, x, y, c, s, fx, fy, torque)
     return int(m)
