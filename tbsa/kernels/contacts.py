@@ -58,7 +58,7 @@ FIELDS = (
 (COUNT, PN0, PN1, PT, BASE, MA, MB, CHANGE, NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, ID0,
  ID1, WARM0, WARM1, WARMT, WANT0, WANT1, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT,
  MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
-ZEROED = CHANGE + LANES  # numbers of a block, its first, that are zero in an empty lane
+ZEROED = CHANGE + LANES  # numbers of a block, its first, that a new row needs to be zero
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
 
@@ -248,7 +248,8 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
         used[i] = start[i]
     for block in range(first[COLOURS]):
         o, t = U(block) * BLOCK, U(block) * BODIES
-        for j in range(ZEROED):
+        # `place_pairs` writes every other field of every lane, `place_walls` does not.
+        for j in range(ZEROED if block < first[PAIR_COLOURS] else BLOCK):
             field[o + j] = 0.0
         for j in range(BODIES):
             body[t + j] = n
