@@ -116,6 +116,9 @@ class Work(NamedTuple):
     s: np.ndarray
     far: np.ndarray  # m, how far the corners may come in a step
     way: np.ndarray  # m, how far the centres may
+    x0: np.ndarray  # m, rad, where the tiles were when the rows were found
+    y0: np.ndarray
+    angle0: np.ndarray
     pace: np.ndarray  # m/s, of the centres
     speed: np.ndarray  # m/s, of the corners
     need: np.ndarray  # m, how far they may go before the list of magnets is found anew: centres
@@ -135,6 +138,7 @@ class Counts(NamedTuple):
 
     substeps: np.ndarray  # int64[1]
     lists: np.ndarray  # pair lists built
+    surprises: np.ndarray  # rows found again within a step
     magnet_lists: np.ndarray  # lists of magnet pairs built
     magnet_pairs: np.ndarray  # magnet pairs whose force was found, summed over evaluations
     rows: np.ndarray  # manifolds solved, summed over substeps
@@ -296,6 +300,24 @@ def ways(k: Numbers, h: float, work: Work) -> None:
 
 
 @inline
+def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+           work: Work) -> bool:
+    """Whether a tile will come further in this time than was assumed when the rows were found:
+    one that lay still, perhaps, and has been hit."""
+    v, way, far, x0, y0, angle0 = work.bodies, work.way, work.far, work.x0, work.y0, work.angle0
+    vx, vy, w = v.vx, v.vy, v.w
+    corner = 0.7072 * k.width
+    some = 0
+    for i in range(U(k.n)):
+        dx, dy, turned = x[i] - x0[i], y[i] - y0[i], abs(angle[i] - angle0[i])
+        centre = (math.sqrt(dx * dx + dy * dy)
+                  + time * math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]))
+        corners = centre + corner * (turned + time * abs(w[i]))
+        some += 1 if (centre > way[i]) | (corners > far[i]) else 0
+    return some > 0
+
+
+@inline
 def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
     """Whether a tile that may touch something in this step is faster than this (m/s)."""
     vx, vy, start = v.vx, v.vy, rows.start
@@ -421,27 +443,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 break
         find_forces((first + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
                     magnets, drive, drive_parameters, x, y, angle, work)
-        if contacts:
-            ways(k, step_length, work)
-            if reach > 0.0:
-                error = find_pairs(k, reach, tiles, x, y, way, np.int64(1), work, counts)
-                if error != OK:
-                    break
-            turn(n, angle, c, s)
-            found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y,
-                                       x, y, c, s, tiles.mobile, way, far)
-            if found < 0:
-                error = MORE_ROWS
-                break
-            if changed or not known:
-                if known:
-                    remember(rows, m, n, state.impulses)
-                m, known = found, True
-                colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
-                recall(rows, m, n, state.impulses)
-            if m > 0 and too_fast(n, 0.5 * k.width / h, rows, v):
-                error = TOO_FAST
-                break
+        left, find = k.substeps, contacts
         for part in range(parts):
             if part > 0:
                 if magnetic:
@@ -454,6 +456,33 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             angle, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
             for _ in range(k.substeps // parts):
+                if find:
+                    whole = np.int64(1) if left == k.substeps else np.int64(0)
+                    if whole == 0:
+                        speeds(k, v, work.pace, work.speed)
+                    ways(k, left * h, work)
+                    if reach > 0.0:
+                        error = find_pairs(k, reach, tiles, x, y, way, whole, work, counts)
+                        if error != OK:
+                            break
+                    turn(n, angle, c, s)
+                    found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x,
+                                               k.wall_y, x, y, c, s, tiles.mobile, way, far, whole)
+                    if found < 0:
+                        error = MORE_ROWS
+                        break
+                    if changed or not known:
+                        if known:
+                            remember(rows, m, n, state.impulses)
+                        m, known = found, True
+                        colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
+                        recall(rows, m, n, state.impulses)
+                    if m > 0 and too_fast(n, 0.5 * k.width / h, rows, v):
+                        error = TOO_FAST
+                        break
+                    copy(x, work.x0, n)
+                    copy(y, work.y0, n)
+                    copy(angle, work.angle0, n)
                 drift(n, 0.5 * h, v, x, y, angle)
                 damp(n, slow, slow_spin, v)
                 if m > 0 or floor.law == EXACT:
@@ -487,6 +516,15 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 drift(n, 0.5 * h, v, x, y, angle)
                 if m > 0 and project(rows, k, ii / im, v, work.shift, x, y, angle):
                     counts.projections[0] += 1
+                left -= 1
+                find = contacts and left > 0 and beyond(k, left * h, x, y, angle, work)
+                counts.surprises[0] += 1 if find else 0
+            if error != OK:
+                break
+        if error != OK:
+            if left < k.substeps and error != TOO_FAST:
+                return TOO_MANY if error != NOT_FINITE else NOT_FINITE, done
+            break
         done += 1
     if known:
         remember(rows, m, n, state.impulses)

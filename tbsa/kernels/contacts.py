@@ -129,7 +129,8 @@ def empty_impulses(capacity: int) -> Impulses:
 @inline
 def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
               wall_x: float, wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray,
-              s: np.ndarray, mobile: np.ndarray, way: np.ndarray, far: np.ndarray) -> Any:
+              s: np.ndarray, mobile: np.ndarray, way: np.ndarray, far: np.ndarray,
+              spare: int) -> Any:
     """List what may touch in this step, in which the tiles' centres go as far as `way` and their
     corners as `far` as this (m).
 
@@ -140,7 +141,8 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
     ra, rb, corner, na, nb, new_corner = (rows.a, rows.b, rows.corner, rows.new_a, rows.new_b,
                                           rows.new_corner)
     before, m, same = rows.size[0], 0, True
-    half, room = 0.5 * width, ra.size
+    # Space is left for what else the middle of a step may bring.
+    half, room = 0.5 * width, ra.size - spare * (ra.size // 5)
     for a in range(n):
         way_a, far_a = way[a], far[a]
         for k in range(start[a], start[a + 1]):

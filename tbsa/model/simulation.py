@@ -150,7 +150,7 @@ class Simulation:
 
     def _space(self, capacity: int) -> core.Work:
         n = self.numbers.n
-        scratch = columns(n + 1, [float] * 15)
+        scratch = columns(n + 1, [float] * 18)
         rows = empty_rows(n, _rows(capacity))
         return core.Work._make([
             empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
