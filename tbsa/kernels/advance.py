@@ -4,7 +4,8 @@ One step of length H, of second order in free flight:
 
     lists   near pairs of tiles, and of magnets (kept while nobody has moved too far)
     forces  of its first half
-    rows    which tiles may touch in this step, at their speeds and under these forces
+    rows    which tiles may touch in this step, at their speeds and under these forces; again in
+            its middle if a tile is hit and will come further
 
 two halves of it (one part, where the number of substeps is odd), each of length P:
 
