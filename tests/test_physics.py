@@ -482,8 +482,8 @@ def test_whole_numbers_in_a_scene_do_not_recompile_the_core():
 
 
 def test_a_corner_that_comes_in_from_the_side_is_stopped_at_the_face():
-    """Half a substep before it meets the face the tile is still beside it; unforeseen it would be
-    1.4 % of its width inside at the middle of the next substep."""
+    """At the middle of the substep before, the tile is still beside it; unforeseen, nothing hits
+    in this substep."""
     h, vx, vy = 1 / 480, -2.0, -0.6
     s = simulate([tile(0.0, 0.0, held=True),
                   tile(WIDTH + 4e-4 - 0.5 * h * vx, WIDTH + 2e-4 - 0.5 * h * vy, vx=vx, vy=vy)],
