@@ -10,7 +10,6 @@ and open if it reaches across.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -31,9 +30,7 @@ from paper_runs.intervals import (
     slopes,
 )
 from paper_runs.paper import DURATION, END, RUNS, SELF, SHAKING, Figure
-from paper_runs.tables import DATA, HERE, against_plan, curves, load, markdown
-from tbsa.errors import InputError
-from tbsa.model.records import write_atomically
+from paper_runs.tables import against_plan, command, curves, load, markdown
 
 Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
 HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
@@ -168,23 +165,7 @@ def _range(figure: Figure) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m paper_runs.merit",
-                                     description="The paper's figures of merit against ours.")
-    parser.add_argument("--data", type=Path, default=DATA / "campaign",
-                        help="what was kept of the campaign (default: paper_runs/data/campaign)")
-    parser.add_argument("--plan", type=Path, default=HERE / "campaign.toml",
-                        help="the campaign's file (default: paper_runs/campaign.toml)")
-    parser.add_argument("--out", type=Path, help="also write it there")
-    arguments = parser.parse_args(argv)
-    try:
-        text = report(arguments.data, arguments.plan)
-        if arguments.out:
-            write_atomically(arguments.out, text.encode())
-    except (InputError, OSError) as error:
-        print(f"merit: {error}", file=sys.stderr)
-        return 2
-    print(text)
-    return 0
+    return command("merit", "The paper's figures of merit against ours.", "campaign", report, argv)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ contain 0 and be narrower than 10 % of the mean to either side.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -17,9 +16,8 @@ from pathlib import Path
 import pandas as pd
 
 from paper_runs.intervals import Estimate, difference, mean, number
-from paper_runs.tables import DATA, HERE, against_plan, load, markdown
+from paper_runs.tables import against_plan, command, load, markdown
 from tbsa.errors import InputError
-from tbsa.model.records import write_atomically
 
 STEP = "solver.step"
 NARROW = 10.0  # per cent of the mean, to either side
@@ -80,23 +78,7 @@ def report(folder: Path, plan: Path) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m paper_runs.step_study",
-                                     description="End sizes at the step and at half of it.")
-    parser.add_argument("--data", type=Path, default=DATA / "step",
-                        help="what was kept of the campaign (default: paper_runs/data/step)")
-    parser.add_argument("--plan", type=Path, default=HERE / "step.toml",
-                        help="the campaign's file (default: paper_runs/step.toml)")
-    parser.add_argument("--out", type=Path, help="also write it there")
-    arguments = parser.parse_args(argv)
-    try:
-        text = report(arguments.data, arguments.plan)
-        if arguments.out:
-            write_atomically(arguments.out, text.encode())
-    except (InputError, OSError) as error:
-        print(f"step_study: {error}", file=sys.stderr)
-        return 2
-    print(text)
-    return 0
+    return command("step_study", "End sizes at the step and at half of it.", "step", report, argv)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pandas as pd
 
 from paper_runs.paper import SCENES
 from tbsa.errors import InputError
+from tbsa.model.records import write_atomically
 from tbsa.work.plan import Planned, read_plan
 
 HERE = Path(__file__).parent
@@ -97,3 +100,24 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]
     """A table: the first column to the left, the others to the right."""
     marks = [":--", *["--:"] * (len(head) - 1)]
     return [f"| {' | '.join(map(str, row))} |" for row in [head, marks, *rows]]
+
+
+def command(name: str, description: str, folder: str, report: Callable[[Path, Path], str],
+            argv: Sequence[str] | None) -> int:
+    """The command line of a report on what was kept of a campaign; returns the exit code."""
+    parser = argparse.ArgumentParser(prog=f"python -m paper_runs.{name}", description=description)
+    parser.add_argument("--data", type=Path, default=DATA / folder,
+                        help=f"what was kept of the campaign (default: paper_runs/data/{folder})")
+    parser.add_argument("--plan", type=Path, default=HERE / f"{folder}.toml",
+                        help=f"the campaign's file (default: paper_runs/{folder}.toml)")
+    parser.add_argument("--out", type=Path, help="also write it there")
+    arguments = parser.parse_args(argv)
+    try:
+        text = report(arguments.data, arguments.plan)
+        if arguments.out:
+            write_atomically(arguments.out, text.encode())
+    except (InputError, OSError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    print(text)
+    return 0
