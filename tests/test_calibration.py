@@ -282,7 +282,7 @@ def mapped(best=(0.06, 1e-3), law="separate", lacking=()):
 def test_the_nearest_setting_is_found_with_one_force_for_both_drives(tmp_path):
     tables(HERE / "calibration.toml", tmp_path, mapped())
     ranked = candidates(points(tmp_path, load(tmp_path)))
-    assert len(ranked) == 2 * 8 * 7
+    assert len(ranked) == 2 * 10 * 9
     assert (ranked[0].law, ranked[0].force, ranked[0].torque) == ("separate", 0.06, 1e-3)
     assert all(a.distance <= b.distance for a, b in itertools.pairwise(ranked))
     for each in ranked:  # shaking is that of the same law and force
@@ -295,9 +295,9 @@ def test_without_shaking_at_a_force_it_is_no_candidate_and_that_is_said(tmp_path
     keep.keep(tmp_path / "whole", tmp_path / "calibration", [], 2)
     folders = {name: tmp_path / file.stem for name, file in calibrate.FILES.items()}
     text, ranked = calibrate.report(folders)
-    assert len(ranked) == 2 * 7 * 7
+    assert len(ranked) == 2 * 9 * 9
     assert 0.06 not in {each.force for each in ranked}
-    assert "126 of 128 planned runs are done, 0 failed, 2 are missing." in text
+    assert "198 of 200 planned runs are done, 0 failed, 2 are missing." in text
     assert "missing of map-shaking: 2 of 16" in text
     assert "readings: nothing yet" in text
     assert "cannot tell whether the paper's figures" in text
@@ -382,7 +382,7 @@ def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
     assert ours[2].endswith("*")
     assert cells["cutoff 0.02", SHAKEN][2].startswith("0.00 (")
     assert cells["base", SELF][2] == "–"
-    assert {"forward-E", "forward-N-E", "step 0.00104167", "floor-law exact", "seed-19"} <= {
+    assert {"forward-E", "forward-N-E", "step 0.00208333", "floor-law exact", "seed-19"} <= {
         name for name, _ in cells}
     assert any("2 of " in line and "by chance" in line for line in lines)
 
@@ -392,7 +392,7 @@ def test_failed_runs_are_told_of_with_their_message(tmp_path):
     table.loc[5, ["status", "message"]] = ["failed", "went too fast"]
     table.to_csv(tmp_path / "table.csv", index=False)
     lines, missing = against_plan(HERE / "calibration.toml", load(tmp_path))
-    assert lines[0] == "127 of 128 planned runs are done, 1 failed, 0 are missing."
+    assert lines[0] == "199 of 200 planned runs are done, 1 failed, 0 are missing."
     assert lines[1] == f"- failed: {table['run'][5]}: went too fast"
     assert missing == []
 
@@ -521,7 +521,7 @@ def stepped(shift, spread):
     random = np.random.default_rng(4)
 
     def metrics(each):
-        half = each.scene.solver.step < 1 / 900
+        half = each.scene.solver.step < 1 / 300
         return ending(each, 100 + shift * half + spread * random.standard_normal())
     return metrics
 

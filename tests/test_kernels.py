@@ -165,9 +165,9 @@ def test_lists_kept_or_found_every_step_give_the_same_bits():
     assert (state(kept) == state(anew)).all()
 
 
-def test_blocks_that_have_converged_may_be_left_out():
+def test_rows_that_have_converged_may_be_left_out():
     """Sixteen tiles in a corner, without a floor, under a load that turns by 7 degrees in a
-    second: with every block solved in every pass or not, the same within the tolerance, which
+    second: with every row solved in every pass or not, the same within the tolerance, which
     bounds the velocities, and what a second makes of it the places."""
     tolerance = 1e-7
 
@@ -192,6 +192,32 @@ def test_blocks_that_have_converged_may_be_left_out():
     gap = np.abs(state(left_out) - state(all_solved))
     assert gap[:2].max() < tolerance * 1.0
     assert gap[3:5].max() < tolerance
+
+
+@pytest.mark.parametrize(("distance", "spin", "more"), [
+    (1.1, 40.0, 1), (1.1, 150.0, 2), (1.1, 350.0, 4), (1.1, 1600.0, 8), (3.0, 1600.0, 1)])
+def test_substeps_are_shorter_where_a_tile_that_may_touch_another_spins_fast(distance, spin, more):
+    """No such tile turns further than 0.2 rad in one, or an eighth of it; a free one does."""
+    s = simulate([tile(0, 0, spin=spin), tile(distance * WIDTH, 0)], step=1 / 480, substeps=1)
+    assert spin / 480 / more <= 0.2 or more in (1, 8)
+    s.advance(1)
+    assert s.counts.substeps[0] == more
+
+
+def test_shorter_substeps_do_not_depend_on_how_a_run_is_cut():
+    def spinning():
+        tiles = [tile(1.2 * WIDTH * i, 1.2 * WIDTH * j, 0.1 * i, spin=90.0 * (i - j))
+                 for i in range(5) for j in range(5)]
+        return simulate(tiles, drive=Drive("unicycle", 0.06, 2e-3, 1.0), body=Material(),
+                        reactor=Reactor("circle", 0.25), step=1 / 240, substeps=2)
+
+    whole, cut = spinning(), spinning()
+    whole.advance(200)
+    for steps in (1, 2, 3, 94, 100):
+        cut.advance(steps)
+    assert whole.counts.substeps[0] > 1.2 * 400
+    assert (state(whole) == state(cut)).all()
+    assert whole.counts.substeps[0] == cut.counts.substeps[0]
 
 
 def test_looking_at_a_simulation_does_not_change_it():

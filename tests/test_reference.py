@@ -19,19 +19,9 @@ from tests.benchmarks.scenes import BOND, GRAVITY, MASS, MU, Block, at_step
 REFERENCES = scenes.references()
 LARGER = scenes.larger()
 
-# Targets that the solver does not reach yet.  One that it reaches fails here until it is taken
-# out.  Quantity: scenes.
-MISSED = {
-    "place": """
-        row-11 row-12 row-14 row-15 row-16 row-18 row-19 row-20
-    """,
-}
-
 
 def rows(references):
     return [pytest.param(each, quantity, id=f"{each.name}: {quantity}", marks=[
-        *([pytest.mark.xfail(strict=True, reason="not reached")]
-          if each.name in MISSED.get(quantity, "").split() else []),
         *([pytest.mark.slow] if each.slow else [])])
         for each in references for quantity in each.targets]
 

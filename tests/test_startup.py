@@ -276,7 +276,7 @@ def table(text):
 def test_the_report_of_a_run_has_every_counter_that_is_there():
     counts = {"substeps": 400, "lists": 5, "rows": 800, "passes": 600, "unconverged": 4,
               "impacts": 40, "projections": 8, "overlap": [300, 60, 20, 16, 4], "deepest": 3e-4,
-              "blocks": 1000, "unsolved": 600, "magnet_pairs": 300, "magnet_lists": 20,
+              "solves": 1000, "unsolved": 600, "magnet_pairs": 300, "magnet_lists": 20,
               "new_one": 200}
     text = work(counts, SCENE, wall=0.02)
     rows = table(text)
@@ -284,8 +284,8 @@ def test_the_report_of_a_run_has_every_counter_that_is_there():
     assert rows["lists of near pairs built"] == ["5", "0.05 a step"]
     assert rows["manifolds solved"] == ["800", "2 a substep"]
     assert rows["substeps at the limit of passes"] == ["4", "1 %"]
-    assert rows["blocks of eight manifolds in all passes"] == ["1000", "2.5 a substep"]
-    assert rows["blocks that had converged"] == ["600", "60 % of 1000"]
+    assert rows["manifolds in all passes"] == ["1000", "2.5 a substep"]
+    assert rows["manifolds that had converged"] == ["600", "60 % of 1000"]
     assert rows["magnet pairs with a force computed"] == ["300", "3 a step"]
     assert rows["steps with an older list of near pairs"] == ["95", "95 % of 100"]
     assert rows["steps with an older list of magnet pairs"] == ["80", "80 % of 100"]

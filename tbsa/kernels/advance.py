@@ -23,10 +23,13 @@ and the substeps of a half, of length h:
     drift   x += h/2 v
     project deep overlap out of the positions, if there is any
 
+A substep is h, or h/2, h/4 or h/8 where a tile that may touch another spins fast: between two
+places a corner goes along a chord, and what that cuts off is overlap.
+
 A free tile goes as if a half were one substep, so that the forces, which change slowly, are
 found twice a step; contacts converge better, and spinning tiles meet more exactly, in more and
-shorter substeps of a pass or two than in more passes.  The state at the end of a step, with the
-contact impulses, is all that the next one needs.
+shorter substeps than in more passes.  The state at the end of a step, with the contact impulses,
+is all that the next one needs.
 """
 
 from __future__ import annotations
@@ -44,6 +47,9 @@ from tbsa.kernels.contacts import (
     GAP1,
     LANES,
     NEAR,
+    PN0,
+    PN1,
+    PT,
     Impulses,
     Rows,
     colour_rows,
@@ -77,6 +83,11 @@ from tbsa.kernels.solver import (
 
 # Error words of `advance`.
 OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST, TOO_MANY = 0, 1, 2, 3, 4, 5
+
+# A tile that may touch something turns no further than this in a substep (rad), or as far as an
+# eighth of the substep allows: a corner then strays from its chord by 0.4 % of the width.
+TURN = 0.2
+TICKS = 8
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
@@ -144,7 +155,7 @@ class Counts(NamedTuple):
     magnet_pairs: np.ndarray  # magnet pairs whose force was found, summed over evaluations
     rows: np.ndarray  # manifolds solved, summed over substeps
     passes: np.ndarray  # solver passes
-    blocks: np.ndarray  # blocks of manifolds, summed over passes
+    solves: np.ndarray  # manifolds to be solved, summed over passes
     unsolved: np.ndarray  # of these left out, as they had converged
     unconverged: np.ndarray  # substeps that ended at the limit of passes
     impacts: np.ndarray  # points that hit
@@ -319,6 +330,41 @@ def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndar
 
 
 @inline
+def scale_impulses(rows: Rows, scale: float) -> None:
+    """Bring the impulses of all rows to a substep of another length, by a power of two."""
+    if scale == 1.0:
+        return
+    r = rows.field
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            r[o + PN0 + i] *= scale
+            r[o + PN1 + i] *= scale
+            r[o + PT + i] *= scale
+
+
+@inline
+def shorter(k: Numbers, h: float) -> Numbers:
+    """The numbers of a scene with another substep."""
+    return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.linear_damping,
+                   k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold, k.tolerance,
+                   k.passes, k.keep_lists, k.skip_converged, k.wall, k.wall_x, k.wall_y)
+
+
+@inline
+def ticks_at(k: Numbers, rows: Rows, v: Bodies) -> int:
+    """Length of the next substeps, in eighths of h, after the spins of tiles that have rows."""
+    w, start = v.w, rows.start
+    fastest = 0.0
+    for i in range(k.n):
+        fastest = max(fastest, abs(w[i]) if start[i + 1] > start[i] else 0.0)
+    ticks = TICKS
+    while ticks > 1 and ticks * k.h * fastest > TURN * TICKS:
+        ticks >>= 1
+    return ticks
+
+
+@inline
 def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
     """Whether a tile that may touch something in this step is faster than this (m/s)."""
     vx, vy, start = v.vx, v.vy, rows.start
@@ -416,7 +462,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs have
     multiplied within a step.
     """
-    n, h, step_length = k.n, k.h, k.substeps * k.h
+    n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
     x, y, angle = state.x, state.y, state.angle
     v, rows, c, s, before = work.bodies, work.rows, work.c, work.s, work.shift
     copy(state.vx, v.vx, n + 1)
@@ -425,7 +471,6 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     copy(tiles.mobile, v.mobile, n + 1)
     vx, vy, w = v.vx, v.vy, v.w
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
-    slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     contacts = reach > 0.0 or k.wall != 0
     parts = 2 if k.substeps % 2 == 0 else 1
     part_length, magnetic = step_length / parts, magnets.cutoff > 0.0 and reach > 0.0
@@ -435,6 +480,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     rows.effort[:] = 0
     error, done = OK, 0
     m, known = np.int64(0), False
+    wanted, before_ticks, kh = TICKS, TICKS, shorter(k, h)
+    slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
         speeds(k, v, work.pace, work.speed)
         if magnetic:
@@ -444,7 +491,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 break
         find_forces((first + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
                     magnets, drive, drive_parameters, x, y, angle, work)
-        left, find = k.substeps, contacts
+        left, find = k.substeps * TICKS, contacts
         for part in range(parts):
             if part > 0:
                 if magnetic:
@@ -456,12 +503,13 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y,
                             angle, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
-            for _ in range(k.substeps // parts):
+            end = left - k.substeps * TICKS // parts
+            while left > end:
                 if find:
-                    whole = np.int64(1) if left == k.substeps else np.int64(0)
+                    whole = np.int64(1) if left == k.substeps * TICKS else np.int64(0)
                     if whole == 0:
                         speeds(k, v, work.pace, work.speed)
-                    ways(k, left * h, work)
+                    ways(k, left * tick, work)
                     if reach > 0.0:
                         error = find_pairs(k, reach, tiles, x, y, way, whole, work, counts)
                         if error != OK:
@@ -474,16 +522,29 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                         break
                     if changed or not known:
                         if known:
+                            scale_impulses(rows, TICKS / before_ticks)
                             remember(rows, m, n, state.impulses)
                         m, known = found, True
                         colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
                         recall(rows, m, n, state.impulses)
-                    if m > 0 and too_fast(n, 0.5 * k.width / h, rows, v):
+                        scale_impulses(rows, before_ticks / TICKS)
+                    if m > 0 and too_fast(n, 0.5 * k.width / k.h, rows, v):
                         error = TOO_FAST
                         break
+                    wanted = ticks_at(k, rows, v)
                     copy(x, work.x0, n)
                     copy(y, work.y0, n)
                     copy(angle, work.angle0, n)
+                ticks = wanted
+                while ticks > left - end:
+                    ticks >>= 1
+                if ticks != before_ticks:
+                    scale_impulses(rows, ticks / before_ticks)
+                    before_ticks, h = ticks, ticks * tick
+                    kh = shorter(k, h)
+                    slow = math.exp(-0.5 * h * k.linear_damping)
+                    slow_spin = math.exp(-0.5 * h * k.angular_damping)
+                counts.substeps[0] += 1
                 drift(n, 0.5 * h, v, x, y, angle)
                 damp(n, slow, slow_spin, v)
                 if m > 0 or floor.law == EXACT:
@@ -495,45 +556,44 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     note_overlap(rows, k.width, counts)
                     if struck > 0:
                         counts.impacts[0] += struck
-                        impacts(rows, k, v, work.scratch, x, y, angle, c, s)
+                        impacts(rows, kh, v, work.scratch, x, y, angle, c, s)
                 else:
                     counts.overlap[0] += 1
-                kick(k, work.fx, work.fy, work.torque, v)
+                kick(kh, work.fx, work.fy, work.torque, v)
                 if m > 0 or floor.law != 0:
                     copy(vx, before.vx, n + 1)
                     copy(vy, before.vy, n + 1)
                     copy(w, before.w, n + 1)
-                    rows.seen[:] = -1
                     apply_impulses(rows, ii / im, v)
-                    passes = relax(rows, m, k, floor, im, ii, c, s, v, k.tolerance)
+                    passes = relax(rows, m, kh, floor, im, ii, c, s, v, k.tolerance)
                     counts.unconverged[0] += 1 if passes < 0 else 0
                     counts.passes[0] += passes if passes >= 0 else -1 - passes
                     if m > 0:
-                        limit_work(rows, k, floor, im, ii, c, s, v, before, k.tolerance)
+                        limit_work(rows, kh, floor, im, ii, c, s, v, before, k.tolerance)
                     if floor.law != 0:
-                        drift_back(k, floor, before, im, ii, v, x, y, angle)
+                        drift_back(kh, floor, before, im, ii, v, x, y, angle)
                 counts.rows[0] += m
                 damp(n, slow, slow_spin, v)
                 drift(n, 0.5 * h, v, x, y, angle)
-                if m > 0 and project(rows, k, ii / im, v, work.shift, x, y, angle):
+                if m > 0 and project(rows, kh, ii / im, v, work.shift, x, y, angle):
                     counts.projections[0] += 1
-                left -= 1
-                find = contacts and left > 0 and beyond(k, left * h, x, y, angle, work)
+                left -= ticks
+                find = contacts and left > 0 and beyond(k, left * tick, x, y, angle, work)
                 counts.surprises[0] += 1 if find else 0
             if error != OK:
                 break
         if error != OK:
-            if left < k.substeps and error != TOO_FAST:
+            if left < k.substeps * TICKS and error != TOO_FAST:
                 return TOO_MANY if error != NOT_FINITE else NOT_FINITE, done
             break
         done += 1
     if known:
+        scale_impulses(rows, TICKS / before_ticks)
         remember(rows, m, n, state.impulses)
     copy(vx, state.vx, n + 1)
     copy(vy, state.vy, n + 1)
     copy(w, state.omega, n + 1)
-    counts.substeps[0] += done * k.substeps
-    counts.blocks[0] += rows.effort[0]
+    counts.solves[0] += rows.effort[0]
     counts.unsolved[0] += rows.effort[1]
     for i in range(n):
         if not (np.isfinite(vx[i]) and np.isfinite(vy[i]) and np.isfinite(w[i])):

@@ -79,8 +79,10 @@ class Rows(NamedTuple):
     first: np.ndarray  # int64[COLOURS + 1], first block of every colour
     single: np.ndarray  # int64, one a block: rows of a single point in it
     hits: np.ndarray  # int64, one a block: points that hit in this substep
-    seen: np.ndarray  # int64, one a block: when it was last solved
-    active: np.ndarray  # int64, scratch: the blocks of a colour to be solved
+    active: np.ndarray  # int64, one a block: scratch
+    queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass ...
+    now: np.ndarray  # int64, eight a block: the list of this pass, each row as 8 block + lane
+    then: np.ndarray  # int64, eight a block: ... of the next
     new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
     new_b: np.ndarray
     new_corner: np.ndarray
@@ -89,7 +91,7 @@ class Rows(NamedTuple):
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     size: np.ndarray  # int64[1], rows
-    effort: np.ndarray  # int64[2], blocks in all passes of this call, and those left out
+    effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
 
 class Impulses(NamedTuple):
@@ -110,7 +112,8 @@ def empty_rows(n: int, capacity: int) -> Rows:
     blocks = capacity // int(LANES) + 2 * COLOURS
     field = np.zeros(blocks * int(BLOCK) + 8)
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
-    whole = [capacity] * 4, [COLOURS + 1], [blocks] * 4, [capacity] * 3, [n + 2, 2 * capacity]
+    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [8 * blocks] * 3, [capacity] * 3,
+             [n + 2, 2 * capacity])
     lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
     return Rows._make([
         *lists[0], field[shift : shift + blocks * int(BLOCK)],

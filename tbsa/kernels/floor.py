@@ -40,8 +40,9 @@ INNER, OUTER = 0.93, 1.001
 # inverse are as good as the closed form, which loses digits there: 1e-8 of F_max w in torque.
 FAR = 256.0
 # The exact law's Newton steps end at this residual (in F_max and F_max w, or relative to the
-# impulse where that is larger), or at this number of them; 3 to 5 are usual.
-RESIDUAL = 1e-9
+# impulse where that is larger), after ten of them at 100 times as much, or at this number of them;
+# 3 to 5 are usual.
+RESIDUAL = 1e-11
 STEPS = 40
 
 
@@ -214,10 +215,10 @@ def _normal(bx: float, by: float, bw: float, m: float, inertia: float, nx: float
             return k, hx, hy, hw, steps
         gx, gy, gw = bx - hx - k * qx, by - hy - k * qy, bw - hw - k * qw
         residual = max(abs(gx), max(abs(gy), abs(gw)))
-        if residual <= enough:
+        if residual <= (enough if steps <= 10 else 100.0 * enough):  # rounding may leave more
             return k, hx, hy, hw, steps
         value = k * math.sqrt(nn)
-        if value < best - RESIDUAL * (1.0 + abs(best)):  # overshot: go back and halve the step
+        if value < best - 100.0 * RESIDUAL * (1.0 + abs(best)):  # overshot: back, and half the step
             dx, dy, dw = 0.5 * dx, 0.5 * dy, 0.5 * dw
         else:
             best, ox, oy, ow = value, nx, ny, nw

@@ -19,17 +19,11 @@ import numpy as np
 from tbsa.kernels.contacts import (
     AN0,
     AN1,
-    AW,
-    AX,
-    AY,
     BASE,
     BLOCK,
     BN0,
     BN1,
     BODIES,
-    BW,
-    BX,
-    BY,
     CHANGE,
     COLOURS,
     COUNT,
@@ -70,7 +64,7 @@ from tbsa.kernels.contacts import (
 from tbsa.kernels.geometry import cos_sin, square_square
 from tbsa.kernels.jit import U, columns, inline
 from tbsa.kernels.routh import routh
-from tbsa.kernels.solver import Bodies, Numbers, solve_mixed
+from tbsa.kernels.solver import Bodies, Numbers, solve_row
 
 # Points nearer than this fraction of the width take part in an impact of their tiles.
 TOUCHING = 1e-3
@@ -85,8 +79,6 @@ class Scratch(NamedTuple):
 
     known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
     rows: np.ndarray  # int64, the rows that take part
-    now: np.ndarray  # int64, rows of this pass, and ...
-    then: np.ndarray  # int64, ... of the next
     in_it: np.ndarray  # int64[n], whether a tile takes part
     tiles: np.ndarray  # int64, the tiles that do
     island: np.ndarray  # int64, union-find over them
@@ -102,8 +94,8 @@ class Scratch(NamedTuple):
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "island"}
-    parts = [np.zeros(8 * blocks, np.int64) for _ in range(4)]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-1]])
+    parts = [np.zeros(8 * blocks, np.int64) for _ in range(2)]
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[2:-1]])
     return Scratch._make([*parts, np.zeros(2, np.int64)])
 
 
@@ -263,27 +255,21 @@ def enter(rows: Rows, q: int, h: float, mobile: np.ndarray, v: Bodies, z: Scratc
 
 @inline
 def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size: int) -> None:
-    """Solve the `size` rows in ``z.now``, and on what they move, for as many passes as a solve.
+    """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
     What ten times the tolerance leaves is closed by the contact solve that follows.
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
-    vx, vy, w, mobile, known = v.vx, v.vy, v.w, v.mobile, z.known
-    now, then, rough = z.now, z.then, 10.0 * k.tolerance
+    mobile, known = v.mobile, z.known
+    now, then, rough = rows.now, rows.then, 10.0 * k.tolerance
     for _ in range(k.passes):
         m = 0
         for j in range(size):
             q = now[j]
             known[q] = 1
-            i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
-            a, b = U(body[t]), U(body[t + LANES])
-            r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
-            r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
-            solve_mixed(r, i, U(1), per_mass)
-            vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
-            vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
-            if r[i + CHANGE] <= rough:
+            if solve_row(rows, q, per_mass, v) <= rough:
                 continue
+            t = U(q // 8) * BODIES + U(q % 8)
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] == 0.0:
                     continue
@@ -396,13 +382,13 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                      and (mobile[b] == 0.0 or touching_rows(rows, b, touching) == 1))
             if not (alone and lone_impact(rows, block, i, k, im, ii, v,
                                                 x, y, angle, c, s)):
-                z.now[size] = 8 * block + int(i)
+                rows.now[size] = 8 * block + int(i)
                 size += 1
     if size == 0:
         return
     for j in range(size):
-        enter(rows, z.now[j], k.h, mobile, v, z)
-        z.known[z.now[j]] = 2
+        enter(rows, rows.now[j], k.h, mobile, v, z)
+        z.known[rows.now[j]] = 2
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
     settle(rows, k, ii / im, v, z, size)
@@ -433,7 +419,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             v.vy[b] += mb * ny * (p0 + p1)
             v.w[b] += ii / im * mb * (r[at + BN0] * p0 + r[at + BN1] * p1)
             z.known[q] = 2
-            z.now[size] = q
+            rows.now[size] = q
             size += 1
     if size > 0:
         before = z.size[1]

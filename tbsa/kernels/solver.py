@@ -7,9 +7,11 @@ For every contact point, with ``vn`` the relative normal velocity at the end of 
 
 A manifold of one point is solved exactly for both impulses; one of two points exactly for both
 normal impulses, in turn with its one friction impulse.  Friction with the floor is a bounded
-impulse of each tile (see `floor.py`) and is solved between the passes.  A block is solved again
-only if one of its bodies has been moved by more than the tolerance since: converged parts of the
-scene drop out of further passes.
+impulse of each tile (see `floor.py`) and is solved between the passes.
+
+The first pass is over all blocks.  It leaves a few rows in a hundred that change by more than the
+tolerance; those, and the rows of the tiles that they move, are solved one by one until nothing
+changes: converged parts of the scene drop out of further passes.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ from tbsa.kernels.contacts import (
     COUNT,
     GAP0,
     GAP1,
+    HIT,
     I00,
     I11,
     IDET,
@@ -61,11 +64,16 @@ from tbsa.kernels.contacts import (
     Rows,
 )
 from tbsa.kernels.floor import SEPARATE, disc, floor_impulse, interval
-from tbsa.kernels.jit import U, columns, inline, lane
+from tbsa.kernels.jit import U, columns, copy, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
 SLOP = 1e-3
+# A row is solved again if its tiles have been moved by more than this part of the tolerance: each
+# has several rows, and each of them leaves something.
+LITTLE = 0.5
+MANY = 2  # rows that are woken by one that has changed, for a block in the time of a row
+PROJECTIONS = 2  # passes of what takes it back, in a substep
 
 
 class Numbers(NamedTuple):
@@ -87,7 +95,7 @@ class Numbers(NamedTuple):
     tolerance: float  # m/s
     passes: int
     keep_lists: int  # 1, or 0: find pairs and magnet pairs anew every step
-    skip_converged: int  # 1, or 0: solve every block in every pass
+    skip_converged: int  # 1, or 0: solve every row in every pass
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
     wall_y: float  # m, half the height
@@ -115,7 +123,7 @@ class Bodies(NamedTuple):
     floory: np.ndarray
     floort: np.ndarray
     change: np.ndarray  # by which the floor changed the velocity
-    moved: np.ndarray  # int64, when the velocity was last changed by more than the tolerance
+    moved: np.ndarray  # int64, scratch: whether something has moved it
 
 
 def empty_bodies(n: int) -> Bodies:
@@ -261,14 +269,18 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
 
 @inline
 def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
-    """Apply the impulses of the blocks that are marked -1 in ``rows.seen``."""
-    r, first, seen, active = rows.field, rows.first, rows.seen, rows.active
+    """Apply the impulses that the rows carry."""
+    r, first, active = rows.field, rows.first, rows.active
     vx, vy, w = v.vx, v.vy, v.w
     for colour in range(COLOURS):
         m = 0
         for block in range(first[colour], first[colour + 1]):
+            o = U(block) * BLOCK
+            some = 0
+            for i in range(LANES):
+                some += 1 if (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) else 0
             active[m] = block
-            m += seen[block] == -1
+            m += 1 if some > 0 else 0
         for j in range(m):
             gather(rows, active[j], vx, vy, w)
         for j in range(m):
@@ -281,90 +293,195 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
 
 
 @inline
-def sweep_rows(rows: Rows, per_mass: float, v: Bodies, tolerance: float, clock: int,
-               forward: bool, skip: int) -> tuple[float, int]:
-    """One pass over the blocks of which a body has moved since they were last solved.
-
-    With `skip` 0 it is one over all blocks.
-
-    Returns the largest contact velocity that a row changed, and the clock.
-    """
-    r, body, seen, single, active, first = (rows.field, rows.body, rows.seen, rows.single,
-                                            rows.active, rows.first)
-    vx, vy, w, moved = v.vx, v.vy, v.w, v.moved
-    worst = 0.0
+def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool) -> None:
+    """One pass over all blocks; ``change`` says by how much (m/s) each row did."""
+    r, single, first = rows.field, rows.single, rows.first
+    vx, vy, w = v.vx, v.vy, v.w
     for q in range(COLOURS):
         colour = q if forward else COLOURS - 1 - q
-        m = 0
-        for block in range(first[colour], first[colour + 1]):
-            t, since = U(block) * BODIES, seen[block] if skip != 0 else -1
-            some = False
-            for i in range(BODIES):
-                some |= moved[U(body[t + i])] > since
-            active[m] = block
-            m += some
-        rows.effort[0] += first[colour + 1] - first[colour]
-        rows.effort[1] += first[colour + 1] - first[colour] - m
-        if m == 0:
-            continue
-        clock += 1
-        for j in range(m):
-            gather(rows, active[j], vx, vy, w)
-        for j in range(m):
-            if single[active[j]] == 0:
-                solve_pairs(r, active[j], per_mass)
+        start, end = first[colour], first[colour + 1]
+        for block in range(start, end):
+            gather(rows, block, vx, vy, w)
+        for block in range(start, end):
+            if single[block] == 0:
+                solve_pairs(r, block, per_mass)
             else:
-                solve_mixed(r, U(active[j]) * BLOCK, LANES, per_mass)
-        for j in range(m):
-            block = active[j]
+                solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
+        for block in range(start, end):
             scatter(rows, block, vx, vy, w)
-            o, t = U(block) * BLOCK, U(block) * BODIES
-            seen[block] = clock
-            for i in range(LANES):
-                change = r[o + CHANGE + i]
-                if change > tolerance:
-                    # Friction and normal impulses alternate: look at them again.
-                    seen[block] = clock - 1
-                    moved[U(body[t + i])] = clock
-                    moved[U(body[t + LANES + i])] = clock
-                worst = max(worst, change)
-    return worst, clock
+
+
+@inline
+def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
+    """Solve row q (8 block + lane) alone; returns by how much (m/s) it changed."""
+    r, body, vx, vy, w = rows.field, rows.body, v.vx, v.vy, v.w
+    i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
+    r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
+    solve_mixed(r, i, U(1), per_mass)
+    vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
+    vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
+    return float(r[i + CHANGE])
+
+
+@lane
+def separate(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
+             px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
+             bound: float, turn: float) -> Any:
+    """Floor impulse of a tile anew, and its velocity with it, under the law `SEPARATE`.
+
+    A tile that the floor stops is at rest exactly, not to rounding.
+    """
+    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
+    px, py, stops = disc(startx, starty, tx, ty, mass, bound)
+    pw, halts = interval(startw, tw, inertia, turn)
+    ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
+    return px, py, pw, ux, uy, (0.0 if halts else tw + ii * pw)
+
+
+@inline
+def together(law: int, startx: float, starty: float, startw: float, vx: float, vy: float,
+             w: float, px: float, py: float, pw: float, im: float, ii: float, mass: float,
+             inertia: float, bound: float, turn: float, c: float, s: float) -> Any:
+    """The same under the laws of force and torque together."""
+    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
+    px, py, pw = floor_impulse(law, startx, starty, startw, tx, ty, tw, mass, inertia, bound,
+                               turn, c, s)
+    stopped = px == -mass * tx and py == -mass * ty
+    ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
+    return px, py, pw, ux, uy, (0.0 if pw == -inertia * tw else tw + ii * pw)
 
 
 @inline
 def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
-                s: np.ndarray, v: Bodies, clock: int, tolerance: float) -> None:
-    """Solve the floor's impulse of every tile."""
+                s: np.ndarray, v: Bodies) -> None:
+    """Solve the floor's impulse of every tile; ``change`` (m/s) says by how much it did."""
     bound, turn = floor.force * k.h, floor.torque * k.h
     mass, inertia = 1.0 / im, 1.0 / ii
-    vx, vy, w, moved, change = v.vx, v.vy, v.w, v.moved, v.change
+    vx, vy, w, change = v.vx, v.vy, v.w, v.change
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
     n = U(k.n)
     if floor.law == SEPARATE:
         for i in range(n):
-            tx, ty, tw = vx[i] - im * floorx[i], vy[i] - im * floory[i], w[i] - ii * floort[i]
-            px, py, stops = disc(startx[i], starty[i], tx, ty, mass, bound)
-            pw, halts = interval(startw[i], tw, inertia, turn)
-            # A tile that the floor stops is at rest exactly, not to rounding.
-            ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
-            uw = 0.0 if halts else tw + ii * pw
+            px, py, pw, ux, uy, uw = separate(
+                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
+                floort[i], im, ii, mass, inertia, bound, turn)
             change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
     else:
         for i in range(n):
-            tx, ty, tw = vx[i] - im * floorx[i], vy[i] - im * floory[i], w[i] - ii * floort[i]
-            px, py, pw = floor_impulse(floor.law, startx[i], starty[i], startw[i], tx, ty, tw,
-                                       mass, inertia, bound, turn, c[i], s[i])
-            stopped = px == -mass * tx and py == -mass * ty
-            ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
-            uw = 0.0 if pw == -inertia * tw else tw + ii * pw
+            px, py, pw, ux, uy, uw = together(
+                floor.law, startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i],
+                floory[i], floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
             change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
-    for i in range(n):
-        moved[i] = clock if change[i] > tolerance else moved[i]
+
+
+@inline
+def floor_alone(i: int, floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
+                s: np.ndarray, v: Bodies) -> float:
+    """Solve the floor's impulse of tile i; returns by how much (m/s) it changed."""
+    bound, turn = floor.force * k.h, floor.torque * k.h
+    vx, vy, w = v.vx[i], v.vy[i], v.w[i]
+    if floor.law == SEPARATE:
+        px, py, pw, ux, uy, uw = separate(
+            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
+    else:
+        px, py, pw, ux, uy, uw = together(
+            floor.law, v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn, c[i], s[i])
+    v.floorx[i], v.floory[i], v.floort[i] = px, py, pw
+    v.vx[i], v.vy[i], v.w[i] = ux, uy, uw
+    return float(max(max(abs(ux - vx), abs(uy - vy)), k.width * abs(uw - w)))
+
+
+@inline
+def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
+    """Put the rows of a tile, if they are not there yet, on the list of the next pass."""
+    if v.mobile[tile] == 0.0:
+        return m
+    r, of, then, queued = rows.field, rows.of, rows.then, rows.queued
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        q = of[p]
+        if queued[q] == 0 and r[U(q // 8) * BLOCK + U(q % 8) + COUNT] != 0.0:
+            queued[q] = 1
+            then[m] = q
+            m += 1
+    return m
+
+
+@inline
+def changed(rows: Rows, little: float) -> Any:
+    """After a pass over all rows, how many have changed by more than a little, and the largest
+    change (m/s)."""
+    r = rows.field
+    many, worst = 0, 0.0
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            many += 1 if r[o + CHANGE + i] > little else 0
+            worst = max(worst, r[o + CHANGE + i])
+    return many, worst
+
+
+@inline
+def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> int:
+    """After a pass over all rows and the floor, list what is to be solved again."""
+    r, body, change = rows.field, rows.body, v.change
+    m = 0
+    for block in range(rows.first[COLOURS]):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        some = 0
+        for i in range(LANES):
+            some += 1 if r[o + CHANGE + i] > little else 0
+        if some == 0:
+            continue
+        for i in range(LANES):
+            if r[o + CHANGE + i] > little:
+                m = queue(rows, v, body[t + i], m)
+                m = queue(rows, v, body[t + LANES + i], m)
+    for i in range(n if floor != 0 else 0):
+        if change[i] > little:
+            m = queue(rows, v, i, m)
+    return m
+
+
+@inline
+def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
+                c: np.ndarray, s: np.ndarray, v: Bodies, little: float) -> Any:
+    """One pass over the `size` rows on the list, and the floor below the tiles that they move.
+
+    Friction and normal impulses alternate: a row that has changed is on the next list, too.
+    Returns the length of that, and the largest change (m/s) of a row.
+    """
+    body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
+    m, worst = 0, 0.0
+    for j in range(size):
+        q = now[j]
+        queued[q] = 0
+        change = solve_row(rows, q, ii / im, v)
+        worst = max(worst, change)
+        if change <= little:
+            continue
+        t = U(q // 8) * BODIES + U(q % 8)
+        for tile in (body[t], body[t + LANES]):
+            moved[tile] = 1
+            m = queue(rows, v, tile, m)
+    for j in range(size):
+        t = U(now[j] // 8) * BODIES + U(now[j] % 8)
+        for tile in (body[t], body[t + LANES]):
+            if moved[tile] == 0:
+                continue
+            moved[tile] = 0
+            if (floor.law != 0 and tile < k.n
+                    and floor_alone(tile, floor, k, im, ii, c, s, v) > little):
+                m = queue(rows, v, tile, m)
+    return m, worst
 
 
 @inline
@@ -372,26 +489,41 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
           s: np.ndarray, v: Bodies, tolerance: float) -> int:
     """Gauss-Seidel passes until none changes a contact velocity by more than `tolerance`.
 
-    The impulses that the rows carry must already have been applied.  Blocks marked -1 in
-    ``rows.seen`` are solved at least once, those marked 0 only once a body of theirs has moved.
+    The impulses that the rows carry must already have been applied.  Passes are over all blocks
+    while many rows change, then over the rows on a list.
     Returns the number of passes, or -1 - passes where the limit was reached first.
     """
-    clock = np.int64(1)
-    v.moved[:] = 0
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v, clock, tolerance)
-    done = -1 - k.passes
+        sweep_floor(floor, k, im, ii, c, s, v)
+    if m == 0:
+        return 0
+    now, queued = rows.now, rows.queued
+    little = LITTLE * tolerance
+    v.moved[:] = 0
+    done, size, whole = -1 - k.passes, 0, True
     for p in range(k.passes):
-        worst, clock = sweep_rows(rows, ii / im, v, tolerance, clock,
-                                  p < 4 or p % 2 == 0, k.skip_converged)
+        rows.effort[0] += m
+        if whole:
+            for j in range(size):
+                queued[now[j]] = 0
+            sweep_rows(rows, ii / im, v, p < 4 or p % 2 == 0)
+            if floor.law != 0:
+                sweep_floor(floor, k, im, ii, c, s, v)
+            many, worst = changed(rows, little)
+            whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
+            size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
+        else:
+            rows.effort[1] += m - size
+            size, worst = sweep_queue(rows, size, k, floor, im, ii, c, s, v, little)
+            whole = size > rows.first[COLOURS]
+        copy(rows.then, now, size)
         if worst <= tolerance:
             done = p + 1
             break
-        if floor.law != 0:
-            clock += 1
-            sweep_floor(floor, k, im, ii, c, s, v, clock, tolerance)
-    if floor.law != 0 and done > 0:  # last, so that what the floor holds is at rest exactly
-        sweep_floor(floor, k, im, ii, c, s, v, clock + 1, tolerance)
+    for j in range(size):
+        queued[now[j]] = 0
+    if floor.law != 0:  # last, so that what the floor holds is at rest exactly
+        sweep_floor(floor, k, im, ii, c, s, v)
     return done
 
 
@@ -436,32 +568,65 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
             r[o + PN1 + i] *= scale
             r[o + PT + i] *= scale
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v, np.int64(1), tolerance)
+        sweep_floor(floor, k, im, ii, c, s, v)
 
 
 @inline
-def ways_out(rows: Rows, block: int, k: Numbers, v: Bodies) -> bool:
-    """How far the points of a block may or must move (m) into ``want``; whether any must.
+def part_row(rows: Rows, q: int, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
+             x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
+    """Move the bodies of row q apart, if a point of it will overlap by more than the slop.
 
-    Points that will overlap by more than the slop move two fifths of the way back, never further
-    than 2 % of the width; others may close their gap.
+    It goes three fifths of the way back, never further than 2 % of the width; the other point may
+    close its gap.  Returns whether there was something to do.
     """
     slop, most = SLOP * k.width, 0.02 * k.width
-    r = rows.field
-    gather(rows, block, v.vx, v.vy, v.w)
-    o = U(block) * BLOCK
-    some = 0
-    for i in range(LANES):
-        j = o + i
-        wa, wb, count = r[j + AW], r[j + BW], r[j + COUNT]
-        along = r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY])
-        g0 = r[j + GAP0] + slop + k.h * (along + r[j + BN0] * wb - r[j + AN0] * wa)
-        g1 = r[j + GAP1] + slop + k.h * (along + r[j + BN1] * wb - r[j + AN1] * wa)
-        g0, g1 = (g0 if count > 0.5 else 1.0), (g1 if count > 1.5 else 1.0)
-        r[j + WANT0] = g0 if g0 > 0.0 else max(0.4 * g0, -most)
-        r[j + WANT1] = g1 if g1 > 0.0 else max(0.4 * g1, -most)
-        some += 1 if (g0 < 0.0) | (g1 < 0.0) else 0
-    return some > 0
+    r, body, sx, sy, sw = rows.field, rows.body, shift.vx, shift.vy, shift.w
+    vx, vy, w = v.vx, v.vy, v.w
+    i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    nx, ny, two = r[i + NX], r[i + NY], r[i + COUNT] > 1.5
+    # Where the points will be after a substep at these velocities, with what has been moved yet.
+    turn_a, turn_b = k.h * w[a] + sw[a], k.h * w[b] + sw[b]
+    along = (nx * (k.h * (vx[b] - vx[a]) + sx[b] - sx[a])
+             + ny * (k.h * (vy[b] - vy[a]) + sy[b] - sy[a]))
+    g0 = r[i + GAP0] + slop + along + r[i + BN0] * turn_b - r[i + AN0] * turn_a
+    g1 = r[i + GAP1] + slop + along + r[i + BN1] * turn_b - r[i + AN1] * turn_a
+    if g0 >= 0.0 and (g1 >= 0.0 or not two):
+        return False
+    g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
+    g1 = g1 if g1 > 0.0 else max(0.6 * g1, -most)
+    if two:
+        p0, p1 = two_points(g0, g1, r[i + K01], r[i + I00], r[i + I11], r[i + K00], r[i + K11],
+                            r[i + IDET])
+    else:
+        p0, p1 = -g0 * r[i + I00], 0.0
+    qa, qb = (p0 + p1) * r[i + MA], (p0 + p1) * r[i + MB]
+    turn_a = -per_mass * r[i + MA] * (r[i + AN0] * p0 + r[i + AN1] * p1)
+    turn_b = per_mass * r[i + MB] * (r[i + BN0] * p0 + r[i + BN1] * p1)
+    sx[a] -= qa * nx
+    sy[a] -= qa * ny
+    sw[a] += turn_a
+    sx[b] += qb * nx
+    sy[b] += qb * ny
+    sw[b] += turn_b
+    x[a] -= qa * nx
+    y[a] -= qa * ny
+    angle[a] += turn_a
+    x[b] += qb * nx
+    y[b] += qb * ny
+    angle[b] += turn_b
+    if qa * qb != 0.0:
+        # As a skater's spin slows when the arms go out: two free tiles that are moved apart
+        # along n keep their angular momentum by losing of their tangential velocity, and only
+        # lose.
+        apart = nx * (x[b] - x[a]) + ny * (y[b] - y[a])
+        slip = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a])
+        lost = min(qa / apart, 0.5) * slip
+        vx[a] -= lost * ny
+        vy[a] += lost * nx
+        vx[b] += lost * ny
+        vy[b] -= lost * nx
+    return True
 
 
 @inline
@@ -470,86 +635,48 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     """Move deeply overlapping tiles apart; returns whether there were any.
 
     The velocity solve does not push apart what overlaps, so that it never adds energy; a
-    solved scene does not need this.  One pass: what is left is there again in the next substep.
+    solved scene does not need this.  Rows one by one, from the deep ones on to those of the
+    tiles that they move; what is left after some passes is there again in the next substep.
     """
-    r, body, first, active = rows.field, rows.body, rows.first, rows.active
-    vx, vy = v.vx, v.vy
-    deep = 0
-    # Only points that overlap, or that the solve has not come to the end with, can be deep.
-    low, rough = -0.5 * SLOP * k.width, 0.5 * SLOP * k.width / k.h
+    r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
+    # A point closes by twice the tolerance at most, where the solve has come to the end with it.
+    low, rough = min(2.0 * k.h * k.tolerance - SLOP * k.width, 0.0), k.tolerance
+    size = 0
     for block in range(first[COLOURS]):
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
-            j = o + i
-            near = (min(r[j + GAP0], r[j + GAP1]) < low) | (r[j + CHANGE] > rough)
-            some += 1 if near & (r[j + COUNT] != 0.0) else 0
-        active[block] = 1 if some > 0 else 0
-    for block in range(first[COLOURS]):
-        if active[block] == 1 and ways_out(rows, block, k, v):
-            active[block] = 2
-            deep += 1
-    if deep == 0:
-        return False
-    sx, sy, sw, moved = shift.vx, shift.vy, shift.w, shift.moved
-    sx[:] = 0.0
-    sy[:] = 0.0
-    sw[:] = 0.0
-    moved[:] = 0
-    mobile = v.mobile
-    for block in range(first[COLOURS]):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        if active[block] != 2:
-            near = False
-            for i in range(BODIES):
-                near |= moved[U(body[t + i])] > 0
-            if not near:
-                continue
-            if active[block] == 0:
-                ways_out(rows, block, k, v)
-        gather(rows, block, sx, sy, sw)
-        part_points(r, block, per_mass)
-        scatter(rows, block, sx, sy, sw)
+            near = ((min(r[o + GAP0 + i], r[o + GAP1 + i]) < low) | (r[o + CHANGE + i] > rough)
+                    ) & (r[o + COUNT + i] != 0.0)
+            r[o + HIT + i] = 1.0 if near else 0.0
+            some += 1 if near else 0
+        if some == 0:
+            continue
         for i in range(LANES):
-            q = r[o + CHANGE + i]
-            if q == 0.0:
-                continue
-            a, b = U(body[t + i]), U(body[t + LANES + i])
-            moved[a] = moved[b] = 1
-            nx, ny = r[o + NX + i], r[o + NY + i]
-            qa, qb = q * r[o + MA + i], q * r[o + MB + i]
-            x[a] -= qa * nx
-            y[a] -= qa * ny
-            x[b] += qb * nx
-            y[b] += qb * ny
-            if mobile[a] * mobile[b] != 0.0:
-                # As a skater's spin slows when the arms go out: two free tiles that are moved
-                # apart along n keep their angular momentum by losing of their tangential
-                # velocity, and only lose.
-                apart = nx * (x[b] - x[a]) + ny * (y[b] - y[a])
-                slip = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a])
-                lost = min(qa / apart, 0.5) * slip
-                vx[a] -= lost * ny
-                vy[a] += lost * nx
-                vx[b] += lost * ny
-                vy[b] -= lost * nx
-    for i in range(k.n):
-        angle[i] += sw[i]
-    return True
-
-
-@inline
-def part_points(r: np.ndarray, block: int, per_mass: float) -> None:
-    """Move the bodies of a block apart, as ``want`` says; the sum of both pushes in ``change``."""
-    o = U(block) * BLOCK
-    for i in range(LANES):
-        j = o + i
-        wa, wb, one = r[j + AW], r[j + BW], r[j + COUNT] < 1.5
-        along = r[j + NX] * (r[j + BX] - r[j + AX]) + r[j + NY] * (r[j + BY] - r[j + AY])
-        u0 = along + r[j + BN0] * wb - r[j + AN0] * wa + r[j + WANT0]
-        u1 = along + r[j + BN1] * wb - r[j + AN1] * wa + r[j + WANT1]
-        p0, p1 = two_points(u0, u1, r[j + K01], r[j + I00], r[j + I11], r[j + K00], r[j + K11],
-                            r[j + IDET])
-        p0, p1 = (max(-u0 * r[j + I00], 0.0) if one else p0), (0.0 if one else p1)
-        push(r, j, per_mass, p0, p1, 0.0)
-        r[j + CHANGE] = p0 + p1
+            if r[o + HIT + i] != 0.0:
+                now[size] = 8 * block + int(i)
+                queued[now[size]] = 1
+                size += 1
+    if size == 0:
+        return False
+    shift.vx[:] = 0.0
+    shift.vy[:] = 0.0
+    shift.w[:] = 0.0
+    some = 0
+    for _ in range(PROJECTIONS):
+        m = 0
+        for j in range(size):
+            q = now[j]
+            queued[q] = 0
+            if part_row(rows, q, k, per_mass, v, shift, x, y, angle):
+                t = U(q // 8) * BODIES + U(q % 8)
+                m = queue(rows, v, body[t], m)
+                m = queue(rows, v, body[t + LANES], m)
+        some += m
+        copy(rows.then, now, m)
+        size = m
+        if m == 0:
+            break
+    for j in range(size):
+        queued[now[j]] = 0
+    return some > 0

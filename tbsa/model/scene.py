@@ -138,7 +138,7 @@ class Solver:
 
     step: float = 1 / 480  # s: forces are found twice a step
     substeps: int = 4  # per step: contacts are solved once a substep
-    tolerance: float = 3e-4  # m/s: a pass that changes no contact velocity by more ends the solve
+    tolerance: float = 1e-5  # m/s: a pass that changes no contact velocity by more ends the solve
     passes: int = 40  # at most, a substep
     keep_lists: bool = True  # of near pairs, while nobody comes too far; off: found every step
     skip_converged: bool = True  # blocks that no longer change; off: every pass solves all

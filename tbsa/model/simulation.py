@@ -154,7 +154,7 @@ class Simulation:
         rows = empty_rows(n, _rows(capacity))
         return core.Work._make([
             empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
-            empty_scratch(n, rows.seen.size), *scratch,
+            empty_scratch(n, rows.active.size), *scratch,
             empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
         ])
 

@@ -26,7 +26,7 @@ DONE = {
     "surprises": ("rows found again within a step", "a step"),
     "rows": ("manifolds solved", "a substep"),
     "passes": ("passes of the contact solver", "a substep"),
-    "blocks": ("blocks of eight manifolds in all passes", "a substep"),
+    "solves": ("manifolds in all passes", "a substep"),
     "unconverged": ("substeps at the limit of passes", "of substeps"),
     "impacts": ("points that hit", "a substep"),
     "projections": ("substeps with deep overlap moved back", "of substeps"),
@@ -34,7 +34,7 @@ DONE = {
 LEFT_OUT = {
     "kept_lists": ("steps with an older list of near pairs", "of steps"),
     "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps"),
-    "unsolved": ("blocks that had converged", "of blocks"),
+    "unsolved": ("manifolds that had converged", "of solves"),
 }
 _SHOWN_WITH_OTHERS = {"overlap", "deepest", "steps"}
 
