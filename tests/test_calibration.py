@@ -298,7 +298,7 @@ def test_without_shaking_at_a_force_it_is_no_candidate_and_that_is_said(tmp_path
     assert len(ranked) == 2 * 9 * 9
     assert 0.06 not in {each.force for each in ranked}
     assert "198 of 200 planned runs are done, 0 failed, 2 are missing." in text
-    assert "missing of map-shaking: 2 of 16" in text
+    assert "missing of map-shaking: 2 of 20" in text
     assert "readings: nothing yet" in text
     assert "cannot tell whether the paper's figures" in text
 
