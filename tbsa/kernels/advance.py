@@ -148,7 +148,8 @@ class Work(NamedTuple):
 class Counts(NamedTuple):
     """What the run has done so far; part of a checkpoint."""
 
-    substeps: np.ndarray  # int64[1]
+    steps: np.ndarray  # int64[1]
+    substeps: np.ndarray
     lists: np.ndarray  # pair lists built
     surprises: np.ndarray  # rows found again within a step
     magnet_lists: np.ndarray  # lists of magnet pairs built
@@ -587,6 +588,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 return TOO_MANY if error != NOT_FINITE else NOT_FINITE, done
             break
         done += 1
+        counts.steps[0] += 1
     if known:
         scale_impulses(rows, TICKS / before_ticks)
         remember(rows, m, n, state.impulses)

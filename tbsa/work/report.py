@@ -19,6 +19,7 @@ ROWS = 40  # of the table of wrong tiles; the most dangerous come first
 # Counters of a run, see `tbsa.kernels.advance.Counts`: what each counts, and of what it is a share
 # or by what it is divided.  The first are of work done, the others of work left out.
 DONE = {
+    "steps": ("steps", ""),
     "substeps": ("substeps", ""),
     "lists": ("lists of near pairs built", "a step"),
     "magnet_lists": ("lists of magnet pairs built", "a step"),
@@ -36,7 +37,7 @@ LEFT_OUT = {
     "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps"),
     "unsolved": ("manifolds that had converged", "of solves"),
 }
-_SHOWN_WITH_OTHERS = {"overlap", "deepest", "steps"}
+_SHOWN_WITH_OTHERS = {"overlap", "deepest"}
 
 
 def describe(scene: Scene) -> str:
@@ -101,11 +102,10 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
     """
     known = {name: int(value) for name, value in counts.items() if np.ndim(value) == 0}
     substeps = max(known.get("substeps", 0), 1)
-    known["steps"] = known.get("substeps", 0) // scene.solver.substeps
     for name in ("lists", "magnet_lists"):
         if known.get(name, 0) > 0:
-            known[f"kept_{name}"] = max(known["steps"] - known[name], 0)
-    by = {"a substep": substeps, "a step": substeps / scene.solver.substeps}
+            known[f"kept_{name}"] = max(known.get("steps", 0) - known[name], 0)
+    by = {"a substep": substeps, "a step": max(known.get("steps", 0), 1)}
 
     def row(name: str, what: str, per: str) -> tuple[str, int, str]:
         number = known[name]
