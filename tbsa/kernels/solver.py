@@ -576,10 +576,12 @@ def part_row(rows: Rows, q: int, k: Numbers, per_mass: float, v: Bodies, shift: 
              x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
     """Move the bodies of row q apart, if a point of it will overlap by more than the slop.
 
-    It goes three fifths of the way back, never further than 2 % of the width; the other point may
-    close its gap.  Returns whether there was something to do.
+    It goes three fifths of the way back to four fifths of the slop, so that a point at rest is not
+    at it again in each substep, and never further than 2 % of the width; the other point may close
+    its gap.  Returns whether there was something to do.
     """
-    slop, most = SLOP * k.width, 0.02 * k.width
+    slop, most = 0.8 * SLOP * k.width, 0.02 * k.width
+    spare = slop - SLOP * k.width
     r, body, sx, sy, sw = rows.field, rows.body, shift.vx, shift.vy, shift.w
     vx, vy, w = v.vx, v.vy, v.w
     i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
@@ -591,7 +593,7 @@ def part_row(rows: Rows, q: int, k: Numbers, per_mass: float, v: Bodies, shift: 
              + ny * (k.h * (vy[b] - vy[a]) + sy[b] - sy[a]))
     g0 = r[i + GAP0] + slop + along + r[i + BN0] * turn_b - r[i + AN0] * turn_a
     g1 = r[i + GAP1] + slop + along + r[i + BN1] * turn_b - r[i + AN1] * turn_a
-    if g0 >= 0.0 and (g1 >= 0.0 or not two):
+    if g0 >= spare and (g1 >= spare or not two):
         return False
     g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
     g1 = g1 if g1 > 0.0 else max(0.6 * g1, -most)
@@ -639,16 +641,20 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     tiles that they move; what is left after some passes is there again in the next substep.
     """
     r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
-    # A point closes by twice the tolerance at most, where the solve has come to the end with it.
-    low, rough = min(2.0 * k.h * k.tolerance - SLOP * k.width, 0.0), k.tolerance
+    # With the velocities of each row when it was last solved, which is near enough to choose.
+    low = -SLOP * k.width
     size = 0
     for block in range(first[COLOURS]):
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
-            near = ((min(r[o + GAP0 + i], r[o + GAP1 + i]) < low) | (r[o + CHANGE + i] > rough)
-                    ) & (r[o + COUNT + i] != 0.0)
-            r[o + HIT + i] = 1.0 if near else 0.0
+            at = o + i
+            wa, wb, count = r[at + AW], r[at + BW], r[at + COUNT]
+            along = r[at + NX] * (r[at + BX] - r[at + AX]) + r[at + NY] * (r[at + BY] - r[at + AY])
+            g0 = r[at + GAP0] + k.h * (along + r[at + BN0] * wb - r[at + AN0] * wa)
+            g1 = r[at + GAP1] + k.h * (along + r[at + BN1] * wb - r[at + AN1] * wa)
+            near = ((g0 < low) & (count > 0.5)) | ((g1 < low) & (count > 1.5))
+            r[at + HIT] = 1.0 if near else 0.0
             some += 1 if near else 0
         if some == 0:
             continue
