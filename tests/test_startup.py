@@ -276,8 +276,8 @@ def table(text):
 def test_the_report_of_a_run_has_every_counter_that_is_there():
     counts = {"steps": 100, "substeps": 400, "lists": 5, "rows": 800, "passes": 600,
               "unconverged": 4, "impacts": 40, "projections": 8, "overlap": [300, 60, 20, 16, 4],
-              "deepest": 3e-4, "solves": 1000, "unsolved": 600, "magnet_pairs": 300, "magnet_lists": 20,
-              "new_one": 200}
+              "deepest": 3e-4, "solves": 1000, "unsolved": 600, "magnet_pairs": 300,
+              "magnet_lists": 20, "new_one": 200}
     text = work(counts, SCENE, wall=0.02)
     rows = table(text)
     assert rows["substeps"] == ["400", "50 us of wall time each"]
