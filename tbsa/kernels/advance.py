@@ -47,9 +47,6 @@ from tbsa.kernels.contacts import (
     GAP1,
     LANES,
     NEAR,
-    PN0,
-    PN1,
-    PT,
     Impulses,
     Rows,
     colour_rows,
@@ -79,6 +76,7 @@ from tbsa.kernels.solver import (
     limit_work,
     project,
     relax,
+    scale_impulses,
 )
 
 # Error words of `advance`.
@@ -328,20 +326,6 @@ def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndar
         corners = centre + corner * (turned + time * abs(w[i]))
         some += 1 if (centre > way[i]) | (corners > far[i]) else 0
     return some > 0
-
-
-@inline
-def scale_impulses(rows: Rows, scale: float) -> None:
-    """Bring the impulses of all rows to a substep of another length, by a power of two."""
-    if scale == 1.0:
-        return
-    r = rows.field
-    for block in range(rows.first[COLOURS]):
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            r[o + PN0 + i] *= scale
-            r[o + PN1 + i] *= scale
-            r[o + PT + i] *= scale
 
 
 @inline

@@ -528,6 +528,20 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
 
 
 @inline
+def scale_impulses(rows: Rows, scale: float) -> None:
+    """Multiply the impulses of all rows."""
+    if scale == 1.0:
+        return
+    r = rows.field
+    for block in range(rows.first[COLOURS]):
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            r[o + PN0 + i] *= scale
+            r[o + PN1 + i] *= scale
+            r[o + PT + i] *= scale
+
+
+@inline
 def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
                s: np.ndarray, v: Bodies, u: Bodies, tolerance: float) -> None:
     """Scale the contact impulses down where, together, they would do work.
@@ -560,13 +574,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
     floorx[:] = 0.0
     floory[:] = 0.0
     floort[:] = 0.0
-    r = rows.field
-    for block in range(rows.first[COLOURS]):
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            r[o + PN0 + i] *= scale
-            r[o + PN1 + i] *= scale
-            r[o + PT + i] *= scale
+    scale_impulses(rows, scale)
     if floor.law != 0:
         sweep_floor(floor, k, im, ii, c, s, v)
 
