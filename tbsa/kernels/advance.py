@@ -83,8 +83,8 @@ from tbsa.kernels.solver import (
 OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST, TOO_MANY = 0, 1, 2, 3, 4, 5
 
 # A tile that may touch something turns no further than this in a substep (rad), or as far as an
-# eighth of the substep allows: a corner then strays from its chord by 0.25 % of the width.
-TURN = 0.16
+# eighth of the substep allows: a corner then strays from its chord by 0.4 % of the width.
+TURN = 0.2
 TICKS = 8
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
