@@ -199,7 +199,6 @@ def test_rows_that_have_converged_may_be_left_out():
 def test_substeps_are_shorter_where_a_tile_that_may_touch_another_spins_fast(distance, spin, more):
     """No such tile turns further than 0.2 rad in one, or an eighth of it; a free one does."""
     s = simulate([tile(0, 0, spin=spin), tile(distance * WIDTH, 0)], step=1 / 480, substeps=1)
-    assert spin / 480 / more <= 0.2 or more in (1, 8)
     s.advance(1)
     assert s.counts.substeps[0] == more
 

@@ -554,7 +554,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     counts.unconverged[0] += 1 if passes < 0 else 0
                     counts.passes[0] += passes if passes >= 0 else -1 - passes
                     if m > 0:
-                        limit_work(rows, kh, floor, im, ii, c, s, v, before, k.tolerance)
+                        limit_work(rows, kh, floor, im, ii, c, s, v, before)
                     if floor.law != 0:
                         drift_back(kh, floor, before, im, ii, v, x, y, angle)
                 counts.rows[0] += m

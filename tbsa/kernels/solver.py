@@ -543,7 +543,7 @@ def scale_impulses(rows: Rows, scale: float) -> None:
 
 @inline
 def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
-               s: np.ndarray, v: Bodies, u: Bodies, tolerance: float) -> None:
+               s: np.ndarray, v: Bodies, u: Bodies) -> None:
     """Scale the contact impulses down where, together, they would do work.
 
     A solved contact problem only takes energy from the velocities `u` that it began with; one

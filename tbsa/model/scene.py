@@ -141,7 +141,7 @@ class Solver:
     tolerance: float = 1e-5  # m/s: a pass that changes no contact velocity by more ends the solve
     passes: int = 40  # at most, a substep
     keep_lists: bool = True  # of near pairs, while nobody comes too far; off: found every step
-    skip_converged: bool = True  # blocks that no longer change; off: every pass solves all
+    skip_converged: bool = True  # rows that no longer change; off: every pass solves all
 
 
 @dataclass(frozen=True)
