@@ -40,16 +40,18 @@ def material(**changes):
 
 
 def scene(tiles, *, body=None, types=PLAIN, reactor=None, magnet=None, drive=None, floor=None,
-          step=1 / 480, substeps=1, tolerance=1e-12, passes=5000, file="", checked=True):
+          step=1 / 480, substeps=1, tolerance=1e-12, passes=5000, file="", checked=True,
+          **switches):
     """A scene of `tiles`, validated unless told not to; nothing else is in it unless given.
 
     The default tolerance is far below the simulator's own: tests look at the physics of the
-    solved contacts, not at where the solver stops.
+    solved contacts, not at where the solver stops.  `switches`: more of the solver.
     """
     result = Scene(
         types=types, material=body or material(), reactor=reactor, free=Free((), tuple(tiles)),
         magnet=magnet, drive=drive, floor=floor, file=file,
-        solver=Solver(step, substeps, tolerance, passes), record=Record(3600 * step, 3600 * step),
+        solver=Solver(step, substeps, tolerance, passes, **switches),
+        record=Record(3600 * step, 3600 * step),
     )
     if checked:
         result.validate()

@@ -382,7 +382,7 @@ def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
     assert ours[2].endswith("*")
     assert cells["cutoff 0.02", SHAKEN][2].startswith("0.00 (")
     assert cells["base", SELF][2] == "–"
-    assert {"forward-E", "forward-N-E", "step 0.00208333", "floor-law exact", "seed-19"} <= {
+    assert {"forward-E", "forward-N-E", "step 0.00416667", "floor-law exact", "seed-19"} <= {
         name for name, _ in cells}
     assert any("2 of " in line and "by chance" in line for line in lines)
 
@@ -521,7 +521,7 @@ def stepped(shift, spread):
     random = np.random.default_rng(4)
 
     def metrics(each):
-        half = each.scene.solver.step < 1 / 300
+        half = each.scene.solver.step < 1 / 180
         return ending(each, 100 + shift * half + spread * random.standard_normal())
     return metrics
 

@@ -359,10 +359,14 @@ def test_a_run_is_not_overwritten(run, here, capsys):
     assert "tbsa: run: holds a run already" in line
 
 
+def flipped(data, at):
+    return data[:at] + bytes([data[at] ^ 4]) + data[at + 1:]
+
+
 DAMAGE = {
     "cut off": lambda data: data[: len(data) // 2],
     "of length zero": lambda data: b"",
-    "a flipped bit": lambda data: data[:5000] + bytes([data[5000] ^ 4]) + data[5001:],
+    "a flipped bit": lambda data: flipped(data, data.index(b"omega.npy") + 300),
     "a flipped bit in its directory": lambda data: data[:-30] + bytes([data[-30] ^ 8]) + data[-29:],
     "text": lambda data: b"not an archive at all",
     "an array": lambda data: (
@@ -405,7 +409,7 @@ def changed_checkpoint(run, **changes):
 
 
 @pytest.mark.parametrize(("changes", "words"), [
-    ({"format": 99}, "format: 99 must be 1"),
+    ({"format": 99}, "format: 99 must be 2"),
     ({"fingerprint": "0" * 64}, "fingerprint: '000000000000' belongs to another scene or seed"),
     ({"x": np.zeros(3)}, "must hold 31 finite numbers a field"),
     ({"omega": np.full(31, np.nan)}, "must hold 31 finite numbers a field"),
@@ -471,11 +475,11 @@ def test_a_file_of_another_run_is_refused(run, here, capsys, kind, name, command
     ("layout.npz", b"PK\x03\x04", "is damaged"),
     ("layout.npz", None, "is missing"),
     ("run.json", b"", "is damaged"),
-    ("run.json", b'{"format": 1', "is damaged"),
+    ("run.json", b'{"format": 2', "is damaged"),
     ("run.json", b"\xff\xfe", "is damaged"),
-    ("run.json", b"[]", "must be 1: not written by this version"),
-    ("run.json", b'{"format": 2}', "format: 2 must be 1"),
-    ("run.json", b'{"format": 1}', "fingerprint: None is damaged: must be a str"),
+    ("run.json", b"[]", "must be 2: not written by this version"),
+    ("run.json", b'{"format": 1}', "format: 1 must be 2"),
+    ("run.json", b'{"format": 2}', "fingerprint: None is damaged: must be a str"),
     ("run.json", None, "run: is not the folder of a run: it has no run.json"),
 ])
 def test_a_damaged_run_is_refused(run, here, capsys, command, name, data, words):

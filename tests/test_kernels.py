@@ -165,12 +165,12 @@ def test_lists_kept_or_found_every_step_give_the_same_bits():
     assert (state(kept) == state(anew)).all()
 
 
-def test_rows_that_have_converged_may_be_left_out():
+@pytest.mark.parametrize(("switch", "counter", "tolerance"), [
+    ("skip_converged", "unsolved", 1e-7), ("join_substeps", "joined", 1e-5)])
+def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, tolerance):
     """Sixteen tiles in a corner, without a floor, under a load that turns by 7 degrees in a
-    second: with every row solved in every pass or not, the same within the tolerance, which
-    bounds the velocities, and what a second makes of it the places."""
-    tolerance = 1e-7
-
+    second: with every row solved in every pass or not, and with every substep or not, the same
+    within the tolerance, which bounds the velocities, and what a second makes of it the places."""
     def pile(**options):
         tiles = [tile(0.0305 * i, 0.0305 * j, 0.02 * i) for i in range(4) for j in range(4)]
         return Simulation(with_solver(scene(
@@ -178,20 +178,46 @@ def test_rows_that_have_converged_may_be_left_out():
             drive=Drive("shaking", 0.06, 0.0, 0.02), tolerance=tolerance, passes=100,
             body=material(friction=0.25, linear_damping=1.0, angular_damping=1.0)), **options))
 
-    left_out, all_solved = pile(), pile(skip_converged=False)
+    first = {"join_substeps": switch == "join_substeps"}
+    left_out, plain = pile(**first), pile(**first | {switch: False})
     left_out.run(8.0)
-    for a, b in zip(all_solved.state[:6], left_out.state[:6], strict=True):
+    for a, b in zip(plain.state[:7], left_out.state[:7], strict=True):
         a[:] = b
-    for a, b in zip(all_solved.state.impulses, left_out.state.impulses, strict=True):
+    for a, b in zip(plain.state.impulses, left_out.state.impulses, strict=True):
         a[:] = b
-    all_solved.steps = left_out.steps
-    for s in (left_out, all_solved):
-        s.counts.unsolved[0] = 0
+    plain.steps = left_out.steps
+    for s in (left_out, plain):
+        getattr(s.counts, counter)[0] = 0
         s.run(1.0)
-    assert left_out.counts.unsolved[0] > 0 == all_solved.counts.unsolved[0]
-    gap = np.abs(state(left_out) - state(all_solved))
+    assert getattr(left_out.counts, counter)[0] > 480 > 0 == getattr(plain.counts, counter)[0]
+    gap = np.abs(state(left_out) - state(plain))
     assert gap[:2].max() < tolerance * 1.0
     assert gap[3:5].max() < tolerance
+
+
+@pytest.mark.parametrize(("gap", "speed", "spin", "number"), [
+    (1e-4, 0.0, 0.0, 2), (1e-4, 0.06, 0.0, 2), (1e-4, 0.10, 0.0, 4), (1e-4, 0.6, 0.0, 16),
+    (0.10, 0.0, 20.0, 2), (0.12, 0.0, 30.0, 4), (0.25, 0.0, 170.0, 16),
+    (-0.5e-3, 0.0, 0.0, 2), (-2e-3, 0.0, 0.0, 16)])
+def test_substeps_are_joined_where_tiles_are_slow_and_do_not_overlap(gap, speed, spin, number):
+    """Two halves of eight substeps of 1/1920 s: all eight as one, where in them no tile goes
+    further past another than 1 % of the width and turns no further than 0.1 rad, else fewer.
+    Both tiles go, but as they go together that does not count."""
+    s = simulate([tile(0, 0, vy=0.3), tile((1.0 + gap) * WIDTH, 0, vy=0.3 + speed, spin=spin)],
+                 step=1 / 120, substeps=16, tolerance=1e-5, checked=False)
+    s.state.passes[0] = 1  # as if it had been solved before
+    s.advance(1)
+    assert s.counts.substeps[0] == number
+    assert s.counts.joined[0] == 16 - number
+
+
+def test_substeps_are_joined_only_after_a_quick_solve():
+    s = simulate([tile(0, 0), tile(1.0001 * WIDTH, 0)], step=1 / 120, substeps=16, passes=50)
+    for passes, number in ((9, 16), (1, 2)):
+        s.state.passes[0] = passes
+        s.counts.substeps[0] = 0
+        s.advance(1)
+        assert s.counts.substeps[0] == number
 
 
 @pytest.mark.parametrize(("distance", "spin", "more"), [
@@ -287,8 +313,8 @@ def play(group, types=CHESSBOARD, torque=2e-4, law="coupled"):
     s = simulate([tile(*values[:6], kind=values[6]) for values in group], types=types,
                  magnet=Magnet(), reactor=Reactor("circle", 0.075), floor=Floor(law) if law !=
                  "separate" else Floor(angular=0.05), drive=Drive("unicycle", 0.06, torque, 1.0),
-                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-13,
-                 passes=20_000, substeps=4)
+                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-12,
+                 passes=20_000, substeps=4, join_substeps=False)
     s.run(0.2)
     assert s.counts.impacts[0] >= 5
     assert s.counts.unconverged[0] == 0

@@ -277,7 +277,7 @@ def test_the_report_of_a_run_has_every_counter_that_is_there():
     counts = {"steps": 100, "substeps": 400, "lists": 5, "rows": 800, "passes": 600,
               "unconverged": 4, "impacts": 40, "projections": 8, "overlap": [300, 60, 20, 16, 4],
               "deepest": 3e-4, "solves": 1000, "unsolved": 600, "magnet_pairs": 300,
-              "magnet_lists": 20, "new_one": 200}
+              "magnet_lists": 20, "joined": 100, "new_one": 200}
     text = work(counts, SCENE, wall=0.02)
     rows = table(text)
     assert rows["substeps"] == ["400", "50 us of wall time each"]
@@ -289,7 +289,8 @@ def test_the_report_of_a_run_has_every_counter_that_is_there():
     assert rows["magnet pairs with a force computed"] == ["300", "3 a step"]
     assert rows["steps with an older list of near pairs"] == ["95", "95 % of 100"]
     assert rows["steps with an older list of magnet pairs"] == ["80", "80 % of 100"]
-    assert rows["substeps with overlap beyond 0.1 %"] == ["40", "10 %; deepest 1 % of the width"]
+    assert rows["time with overlap beyond 0.1 %"] == ["10 %; deepest 1 % of the width"]
+    assert rows["substeps joined with others in calm scenes"] == ["100", "20 % of 500"]
     assert rows["new_one"] == ["200", "0.5 a substep"]
     assert text.endswith("not computed: magnets, wall, floor friction, drive")
 

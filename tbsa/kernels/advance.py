@@ -24,7 +24,8 @@ and the substeps of a half, of length h:
     project deep overlap out of the positions, if there is any
 
 A substep is h, or h/2, h/4 or h/8 where a tile that may touch another spins fast: between two
-places a corner goes along a chord, and what that cuts off is overlap.
+places a corner goes along a chord, and what that cuts off is overlap.  It is 2 h, 4 h or 8 h,
+within a half, where the scene is calm: nothing overlaps, and tiles that may touch are slow.
 
 A free tile goes as if a half were one substep, so that the forces, which change slowly, are
 found twice a step; contacts converge better, and spinning tiles meet more exactly, in more and
@@ -69,6 +70,7 @@ from tbsa.kernels.magnets import (
 )
 from tbsa.kernels.neighbours import Pairs, build_pairs, stale
 from tbsa.kernels.solver import (
+    SLOP,
     Bodies,
     FloorLaw,
     Numbers,
@@ -86,6 +88,10 @@ OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST, TOO_MANY = 0, 1, 2, 3, 4, 5
 # eighth of the substep allows: a corner then strays from its chord by 0.4 % of the width.
 TURN = 0.2
 TICKS = 8
+# Substeps are joined, up to JOINED of them, where the last solve took FEW passes, nothing overlaps
+# by more than CALM (widths), and no tiles that may touch go further past each other (widths), or
+# turn further (rad), than this in what they are joined to.
+JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.1
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
@@ -102,6 +108,7 @@ class State(NamedTuple):
     vx: np.ndarray  # m/s
     vy: np.ndarray
     omega: np.ndarray  # rad/s
+    passes: np.ndarray  # int64[1], of the last solve
     impulses: Impulses
 
 
@@ -148,6 +155,7 @@ class Counts(NamedTuple):
 
     steps: np.ndarray  # int64[1]
     substeps: np.ndarray
+    joined: np.ndarray  # substeps saved by joining them
     lists: np.ndarray  # pair lists built
     surprises: np.ndarray  # rows found again within a step
     magnet_lists: np.ndarray  # lists of magnet pairs built
@@ -159,7 +167,7 @@ class Counts(NamedTuple):
     unconverged: np.ndarray  # substeps that ended at the limit of passes
     impacts: np.ndarray  # points that hit
     projections: np.ndarray  # substeps with overlap beyond the slop
-    overlap: np.ndarray  # substeps by deepest overlap: <= 0.01, 0.1, 0.5, 2, more % of w
+    overlap: np.ndarray  # time (h/8) by deepest overlap: <= 0.01, 0.1, 0.5, 2, more % of w
     deepest: np.ndarray  # float64[1], m
 
 
@@ -171,8 +179,8 @@ def empty_counts() -> Counts:
 
 
 @inline
-def note_overlap(rows: Rows, width: float, counts: Counts) -> None:
-    """Count the substep under its deepest overlap."""
+def note_overlap(rows: Rows, width: float, ticks: int, counts: Counts) -> float:
+    """Count the eighths of a substep under the deepest overlap, and return that (m)."""
     r = rows.field
     deepest = 0.0
     for block in range(rows.first[COLOURS]):
@@ -183,7 +191,8 @@ def note_overlap(rows: Rows, width: float, counts: Counts) -> None:
     counts.deepest[0] = max(counts.deepest[0], -deepest)
     share = -deepest / width
     counts.overlap[0 if share <= 1e-4 else 1 if share <= 1e-3 else 2 if share <= 5e-3
-                   else 3 if share <= 2e-2 else 4] += 1
+                   else 3 if share <= 2e-2 else 4] += ticks
+    return -deepest
 
 
 @inline
@@ -329,22 +338,38 @@ def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndar
 
 
 @inline
-def shorter(k: Numbers, h: float) -> Numbers:
-    """The numbers of a scene with another substep."""
+def with_substep(k: Numbers, h: float) -> Numbers:
+    """The numbers of a scene with another substep.
+
+    What a solve leaves is a velocity, and moves tiles into each other for as long as the substep
+    is: the tolerance of a longer one is less.
+    """
     return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.linear_damping,
-                   k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold, k.tolerance,
-                   k.passes, k.keep_lists, k.skip_converged, k.wall, k.wall_x, k.wall_y)
+                   k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold,
+                   min(k.h / h, 1.0) * k.tolerance, k.passes, k.keep_lists, k.skip_converged,
+                   k.join_substeps, k.wall, k.wall_x, k.wall_y)
 
 
 @inline
-def ticks_at(k: Numbers, rows: Rows, v: Bodies) -> int:
-    """Length of the next substeps, in eighths of h, after the spins of tiles that have rows."""
-    w, start = v.w, rows.start
-    fastest = 0.0
+def ticks_at(k: Numbers, rows: Rows, v: Bodies, calm: bool) -> int:
+    """Length of the next substeps, in eighths of h, after the tiles that have rows."""
+    vx, vy, w, start, ra, rb = v.vx, v.vy, v.w, rows.start, rows.a, rows.b
+    spin, square = 0.0, 0.0
     for i in range(k.n):
-        fastest = max(fastest, abs(w[i]) if start[i + 1] > start[i] else 0.0)
+        spin = max(spin, abs(w[i]) if start[i + 1] > start[i] else 0.0)
     ticks = TICKS
-    while ticks > 1 and ticks * k.h * fastest > TURN * TICKS:
+    if k.join_substeps != 0 and calm:
+        ticks *= JOINED
+        for i in range(rows.size[0]):
+            a, b = U(ra[i]), U(rb[i])
+            dx, dy = vx[b] - vx[a], vy[b] - vy[a]
+            # Along a wall tiles slide as they are; what hits it is met where it hits.
+            square = max(square, dx * dx + dy * dy if b != U(k.n) else 0.0)
+    past = math.sqrt(square)
+    while ticks > TICKS and (ticks * k.h * spin > CALM_TURN * TICKS
+                             or ticks * k.h * past > CALM_WAY * k.width * TICKS):
+        ticks >>= 1
+    while ticks > 1 and ticks * k.h * spin > TURN * TICKS:
         ticks >>= 1
     return ticks
 
@@ -448,7 +473,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     multiplied within a step.
     """
     n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
-    x, y, angle = state.x, state.y, state.angle
+    x, y, angle, last = state.x, state.y, state.angle, state.passes
     v, rows, c, s, before = work.bodies, work.rows, work.c, work.s, work.shift
     copy(state.vx, v.vx, n + 1)
     copy(state.vy, v.vy, n + 1)
@@ -465,7 +490,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     rows.effort[:] = 0
     error, done = OK, 0
     m, known = np.int64(0), False
-    wanted, before_ticks, kh = TICKS, TICKS, shorter(k, h)
+    wanted, before_ticks, kh, overlap = TICKS, TICKS, with_substep(k, h), 0.0
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
         speeds(k, v, work.pace, work.speed)
@@ -500,8 +525,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                         if error != OK:
                             break
                     turn(n, angle, c, s)
-                    found, changed = find_rows(rows, work.pairs, n, k.width, k.wall, k.wall_x,
-                                               k.wall_y, x, y, c, s, tiles.mobile, way, far, whole)
+                    found, changed, overlap = find_rows(
+                        rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
+                        tiles.mobile, way, far, whole)
                     if found < 0:
                         error = MORE_ROWS
                         break
@@ -516,7 +542,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     if m > 0 and too_fast(n, 0.5 * k.width / k.h, rows, v):
                         error = TOO_FAST
                         break
-                    wanted = ticks_at(k, rows, v)
+                    wanted = ticks_at(k, rows, v, last[0] <= FEW and overlap <= CALM * k.width)
                     copy(x, work.x0, n)
                     copy(y, work.y0, n)
                     copy(angle, work.angle0, n)
@@ -526,10 +552,11 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 if ticks != before_ticks:
                     scale_impulses(rows, ticks / before_ticks)
                     before_ticks, h = ticks, ticks * tick
-                    kh = shorter(k, h)
+                    kh = with_substep(k, h)
                     slow = math.exp(-0.5 * h * k.linear_damping)
                     slow_spin = math.exp(-0.5 * h * k.angular_damping)
                 counts.substeps[0] += 1
+                counts.joined[0] += max(ticks // TICKS - 1, 0)
                 drift(n, 0.5 * h, v, x, y, angle)
                 damp(n, slow, slow_spin, v)
                 if m > 0 or floor.law == EXACT:
@@ -538,21 +565,25 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     place_rows(rows, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y, c, s, vx,
                                vy, w)
                     struck = weigh(rows, h, ii / im, k.threshold)
-                    note_overlap(rows, k.width, counts)
+                    overlap = note_overlap(rows, k.width, ticks, counts)
+                    wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                     if struck > 0:
                         counts.impacts[0] += struck
                         impacts(rows, kh, v, work.scratch, x, y, angle, c, s)
                 else:
-                    counts.overlap[0] += 1
+                    counts.overlap[0] += ticks
                 kick(kh, work.fx, work.fy, work.torque, v)
                 if m > 0 or floor.law != 0:
                     copy(vx, before.vx, n + 1)
                     copy(vy, before.vy, n + 1)
                     copy(w, before.w, n + 1)
                     apply_impulses(rows, ii / im, v)
-                    passes = relax(rows, m, kh, floor, im, ii, c, s, v, k.tolerance)
+                    passes = relax(rows, m, kh, floor, im, ii, c, s, v, kh.tolerance)
+                    last[0] = passes if passes >= 0 else -1 - passes
+                    if last[0] > FEW and wanted > TICKS:
+                        wanted >>= 1
                     counts.unconverged[0] += 1 if passes < 0 else 0
-                    counts.passes[0] += passes if passes >= 0 else -1 - passes
+                    counts.passes[0] += last[0]
                     if m > 0:
                         limit_work(rows, kh, floor, im, ii, c, s, v, before)
                     if floor.law != 0:

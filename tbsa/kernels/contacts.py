@@ -137,13 +137,13 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
     """List what may touch in this step, in which the tiles' centres go as far as `way` and their
     corners as `far` as this (m).
 
-    Returns the number of new rows, -1 where they do not fit, and whether they are others than
-    the rows that there are.
+    Returns the number of new rows, -1 where they do not fit, whether they are others than the
+    rows that there are, and their deepest overlap (m).
     """
     start, other = pairs.start, pairs.other
     ra, rb, corner, na, nb, new_corner = (rows.a, rows.b, rows.corner, rows.new_a, rows.new_b,
                                           rows.new_corner)
-    before, m, same = rows.size[0], 0, True
+    before, m, same, deepest = rows.size[0], 0, True, 0.0
     # Space is left for what else the middle of a step may bring.
     half, room = 0.5 * width, ra.size - spare * (ra.size // 5)
     for a in range(n):
@@ -157,10 +157,12 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             cos, sin = c[a] * c[b] + s[a] * s[b], c[a] * s[b] - s[a] * c[b]
             on_a = max(abs(dx * c[a] + dy * s[a]), abs(dy * c[a] - dx * s[a]))
             on_b = max(abs(dx * c[b] + dy * s[b]), abs(dy * c[b] - dx * s[b]))
-            if max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin)) > margin:
+            gap = max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin))
+            if gap > margin:
                 continue
             if m == room:
-                return -1, False
+                return -1, False, 0.0
+            deepest = min(deepest, gap)
             same = same and ra[m] == a and rb[m] == other[k]
             na[m], nb[m], new_corner[m] = a, other[k], 0
             m += 1
@@ -180,11 +182,12 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
                 if gap > far_a:
                     continue
                 if m == room:
-                    return -1, False
+                    return -1, False, 0.0
+                deepest = min(deepest, gap)
                 same = same and ra[m] == a and rb[m] == n and corner[m] == 2 * q + side
                 na[m], nb[m], new_corner[m] = a, n, 2 * q + side
                 m += 1
-    return m, not (same and m == before)
+    return m, not (same and m == before), -deepest
 
 
 @lane

@@ -96,6 +96,7 @@ class Numbers(NamedTuple):
     passes: int
     keep_lists: int  # 1, or 0: find pairs and magnet pairs anew every step
     skip_converged: int  # 1, or 0: solve every row in every pass
+    join_substeps: int  # 1, or 0: never a longer one than h
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
     wall_y: float  # m, half the height

@@ -142,6 +142,7 @@ class Solver:
     passes: int = 40  # at most, a substep
     keep_lists: bool = True  # of near pairs, while nobody comes too far; off: found every step
     skip_converged: bool = True  # rows that no longer change; off: every pass solves all
+    join_substeps: bool = True  # up to eight, where a scene is calm; off: never longer ones
 
 
 @dataclass(frozen=True)
@@ -359,6 +360,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "passes": _integer(1, 100_000),
         "keep_lists": _boolean,
         "skip_converged": _boolean,
+        "join_substeps": _boolean,
     },
     Record: {
         "interval": _number(0, 1e9, "s", above=True),

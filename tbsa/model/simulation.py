@@ -104,6 +104,7 @@ class Simulation:
                            layout.vy * free, layout.omega * free)
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
+                                np.full(1, scene.solver.passes),  # not known to be calm
                                 empty_impulses(_rows(capacity)))
         types = scene.types
         self.tiles = core.Tiles(
@@ -127,6 +128,7 @@ class Simulation:
             tolerance=float(scene.solver.tolerance), passes=int(scene.solver.passes),
             keep_lists=int(scene.solver.keep_lists),
             skip_converged=int(scene.solver.skip_converged),
+            join_substeps=int(scene.solver.join_substeps),
             wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
             wall_x=0.0 if wall is None else float(wall.radius if circle else 0.5 * wall.width),
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,

@@ -667,9 +667,10 @@ def _mean(values: pd.Series[float]) -> float:
 
 
 def _counted(counts: dict[str, Any], width: float) -> dict[str, float]:
-    """The counters of a run, a substep or in per cent; overlap in per cent of the width."""
+    """The counters of a run, a substep or in per cent; overlap in per cent of the time."""
     substeps = max(counts["substeps"], 1)
-    shares = [100.0 * number / substeps for number in counts["overlap"]]
+    time = max(sum(counts["overlap"]), 1)
+    shares = [100.0 * number / time for number in counts["overlap"]]
     return {
         "substeps": counts["substeps"],
         "deepest_percent": 100.0 * counts["deepest"] / width,

@@ -258,14 +258,14 @@ def summary(scene: Scene, simulation: Simulation, wall: float) -> str:
     counts = simulation.counts
     substeps = max(int(counts.substeps[0]), 1)
     width = scene.material.width
-    shares = 100 * counts.overlap / substeps
+    shares = 100 * counts.overlap / max(int(counts.overlap.sum()), 1)
     lines = [
         f"{simulation.time:g} s simulated in {wall:.1f} s of wall time",
         f"assembly {found.size} tiles and {found.total - found.size} of the seed, "
         f"{found.errors} wrong, {found.holes} holes, {found.bonds} bonds",
-        f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; substeps beyond "
-        f"0.1 %: {shares[2:].sum():.3g} %, 0.5 %: {shares[3:].sum():.3g} %, "
-        f"2 %: {shares[4]:.3g} %",
+        f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; beyond 0.1 % in "
+        f"{shares[2:].sum():.3g} % of the time, 0.5 % in {shares[3:].sum():.3g} %, "
+        f"2 % in {shares[4]:.3g} %",
         f"solver: {counts.rows[0] / substeps:.0f} manifolds a substep, "
         f"{counts.passes[0] / substeps:.2f} passes, "
         f"{100 * counts.unconverged[0] / substeps:.2g} % of substeps at the limit of passes",

@@ -33,11 +33,12 @@ DONE = {
     "projections": ("substeps with deep overlap moved back", "of substeps"),
 }
 LEFT_OUT = {
+    "joined": ("substeps joined with others in calm scenes", "of all_substeps"),
     "kept_lists": ("steps with an older list of near pairs", "of steps"),
     "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps"),
     "unsolved": ("manifolds that had converged", "of solves"),
 }
-_SHOWN_WITH_OTHERS = {"overlap", "deepest"}
+_SHOWN_WITH_OTHERS = {"overlap", "deepest", "all_substeps"}
 
 
 def describe(scene: Scene) -> str:
@@ -105,6 +106,8 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
     for name in ("lists", "magnet_lists"):
         if known.get(name, 0) > 0:
             known[f"kept_{name}"] = max(known.get("steps", 0) - known[name], 0)
+    if "joined" in known:
+        known["all_substeps"] = known["joined"] + known.get("substeps", 0)
     by = {"a substep": substeps, "a step": max(known.get("steps", 0), 1)}
 
     def row(name: str, what: str, per: str) -> tuple[str, int, str]:
@@ -119,9 +122,9 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
 
     rows = [row(name, *text) for name, text in DONE.items() if name in known]
     if "overlap" in counts and "deepest" in counts:
-        deep = int(sum(counts["overlap"][2:]))
-        rows.append(("substeps with overlap beyond 0.1 %", deep,
-                     f"{100 * deep / substeps:.3g} %; deepest "
+        deep, total = sum(counts["overlap"][2:]), max(sum(counts["overlap"]), 1)
+        rows.append(("time with overlap beyond 0.1 %", "",
+                     f"{100 * deep / total:.3g} %; deepest "
                      f"{100 * counts['deepest'] / scene.material.width:.3g} % of the width"))
     rows += [row(name, name, "a substep") for name in known
              if name not in {*DONE, *LEFT_OUT, *_SHOWN_WITH_OTHERS}]
