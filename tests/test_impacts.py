@@ -300,3 +300,19 @@ def test_impacts_scale_with_the_tile():
         assert getattr(ten, name) == pytest.approx(10.0 * getattr(one, name), abs=1e-9)
     assert ten.omega == pytest.approx(one.omega, abs=1e-8)
     assert ten.numbers.inertia == pytest.approx(300 * INERTIA)
+
+
+@pytest.mark.parametrize("speed", [1.0, 2.0, 4.0, 6.0])
+def test_a_tile_that_is_thrown_in_an_impact_does_not_turn_into_its_neighbour(speed):
+    """Its one corner touches; the other, 2.2 % of the width away, is no point of the manifold
+    while the tile is at rest.  A third tile gives it a spin that closes that gap at once."""
+    turn, low = 0.022, -0.4 * WIDTH
+    lean = 0.5 * WIDTH * (1.0 + math.cos(turn) + math.sin(turn))
+    corner = complex(lean + 0.5 * WIDTH + 0.4 * WIDTH * turn, low)
+    s = simulate([tile(held=True), placed(complex(lean, 0.0), turn, 0j, 0.0),
+                  placed(corner + DIAGONAL + 0.1 * WIDTH, math.pi / 4, -speed + 0j, 0.0)],
+                 body=material(friction=0.25, restitution=0.2), step=1 / 480, substeps=4,
+                 tolerance=1e-3, passes=40)
+    s.run(0.02 / speed)
+    assert s.counts.impacts[0] > 0
+    assert s.counts.deepest[0] < 5e-3 * WIDTH

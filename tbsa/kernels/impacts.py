@@ -43,6 +43,7 @@ from tbsa.kernels.contacts import (
     PN0,
     PN1,
     PT,
+    SPARE,
     VN0,
     VN1,
     WANT0,
@@ -438,4 +439,11 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
         r[at + BASE] = 0.0
         r[at + WANT0], r[at + WANT1] = max(r[at + GAP0], 0.0) / k.h, max(r[at + GAP1], 0.0) / k.h
     for j in range(z.size[1]):
-        z.in_it[z.tiles[j]] = 0
+        i = z.tiles[j]
+        z.in_it[i] = 0
+        # A tile that has been thrown may close gaps that were too wide to matter.
+        corners = (math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
+                   + 0.7072 * k.width * abs(v.w[i]))
+        if k.h * corners > SPARE * k.width:
+            for p in range(rows.start[i], rows.start[i + 1]):
+                place_again(rows, rows.of[p] // 8, k, ii / im, v, x, y, c, s)

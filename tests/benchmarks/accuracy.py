@@ -78,11 +78,13 @@ def _best(scene: Scene, substeps: int, least: float) -> float:
 def sweep(reference: Reference) -> list[Row]:
     """Errors and run times of one scene over steps and, at 1/480 s, tolerance and passes."""
     default = reference.scene.solver
-    coarse = (1 / 30,) if reference.steps == STEPS else ()
+    coarse = tuple(h for h in (1 / 10, 1 / 20, 1 / 30) if reference.steps == STEPS
+                   and math.isclose(round(reference.duration / h) * h, reference.duration))
     cases = [(h, 4, default.tolerance, default.passes)
              for h in coarse + reference.steps]
     if reference.steps == STEPS:
-        cases += [(TARGET, n, default.tolerance, default.passes) for n in (1, 16)]
+        cases += [(h, 1, default.tolerance, default.passes) for h in coarse + reference.steps]
+        cases += [(TARGET, 16, default.tolerance, default.passes)]
         cases += [(TARGET, 4, tolerance, 5000) for tolerance in TOLERANCES]
         cases += [(TARGET, 4, 1e-9, passes) for passes in PASSES]
     else:  # blocks, where that would take an hour
