@@ -229,6 +229,17 @@ def test_substeps_are_shorter_where_a_tile_that_may_touch_another_spins_fast(dis
     assert s.counts.substeps[0] == more
 
 
+@pytest.mark.parametrize(("spins", "more"), [
+    ((90.0, 0.0), 1), ((90.0, 90.0), 2), ((-60.0, 60.0), 1), ((-75.0, 75.0), 2)])
+def test_two_spinning_tiles_count_together(spins, more):
+    """By the root of the sum of squares: 96 rad/s turn by 0.2 rad in 1/480 s."""
+    s = simulate([tile(0, 0, spin=spins[0]), tile(1.22 * WIDTH, 0, spin=spins[1])],
+                 step=1 / 480, substeps=1)
+    s.advance(1)
+    assert s.counts.impacts[0] == 0
+    assert s.counts.substeps[0] == more
+
+
 def test_shorter_substeps_do_not_depend_on_how_a_run_is_cut():
     def spinning():
         tiles = [tile(1.2 * WIDTH * i, 1.2 * WIDTH * j, 0.1 * i, spin=90.0 * (i - j))

@@ -78,7 +78,7 @@ def _best(scene: Scene, substeps: int, least: float) -> float:
 def sweep(reference: Reference) -> list[Row]:
     """Errors and run times of one scene over steps and, at 1/480 s, tolerance and passes."""
     default = reference.scene.solver
-    coarse = tuple(h for h in (1 / 10, 1 / 20, 1 / 30) if reference.steps == STEPS
+    coarse = tuple(h for h in (1 / 10, 1 / 20, 1 / 30, 1 / 40) if reference.steps == STEPS
                    and math.isclose(round(reference.duration / h) * h, reference.duration))
     cases = [(h, 4, default.tolerance, default.passes)
              for h in coarse + reference.steps]
