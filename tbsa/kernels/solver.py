@@ -434,7 +434,7 @@ def changed(rows: Rows, little: float) -> Any:
 def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> int:
     """After a pass over all rows and the floor, list what is to be solved again."""
     r, body, change = rows.field, rows.body, v.change
-    m = np.int64(0)
+    m: Any = np.int64(0)
     for block in range(rows.first[COLOURS]):
         o, t = U(block) * BLOCK, U(block) * BODIES
         some = 0
@@ -449,7 +449,7 @@ def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> i
     for i in range(n if floor != 0 else 0):
         if change[i] > little:
             m = queue(rows, v, i, m)
-    return m
+    return int(m)
 
 
 @inline
@@ -461,7 +461,8 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, im: float, i
     Returns the length of that, and the largest change (m/s) of a row.
     """
     body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
-    m, worst = np.int64(0), 0.0
+    m: Any = np.int64(0)
+    worst = 0.0
     for j in range(size):
         q = now[j]
         queued[q] = 0
@@ -501,7 +502,8 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     now, queued = rows.now, rows.queued
     little = LITTLE * tolerance
     v.moved[:] = 0
-    done, size, whole = -1 - k.passes, np.int64(0), True
+    done, whole = -1 - k.passes, True
+    size: Any = np.int64(0)
     for p in range(k.passes):
         rows.effort[0] += m
         if whole:
@@ -679,7 +681,7 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     shift.w[:] = 0.0
     some = 0
     for _ in range(PROJECTIONS):
-        m = np.int64(0)
+        m: Any = np.int64(0)
         for j in range(size):
             q = now[j]
             queued[q] = 0

@@ -120,7 +120,8 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
         share = f"{100 * number / total:.3g} %" if total else ""
         return what, number, f"{share} of {total}" if share and per != "of substeps" else share
 
-    rows = [row(name, *text) for name, text in DONE.items() if name in known]
+    rows: list[tuple[str, object, str]] = [
+        row(name, *text) for name, text in DONE.items() if name in known]
     if "overlap" in counts and "deepest" in counts:
         deep, total = sum(counts["overlap"][2:]), max(sum(counts["overlap"]), 1)
         rows.append(("time with overlap beyond 0.1 %", "",
