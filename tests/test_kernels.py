@@ -205,7 +205,7 @@ def test_substeps_are_joined_where_tiles_are_slow_and_do_not_overlap(gap, speed,
     Both tiles go, but as they go together that does not count."""
     s = simulate([tile(0, 0, vy=0.3), tile((1.0 + gap) * WIDTH, 0, vy=0.3 + speed, spin=spin)],
                  step=1 / 120, substeps=16, tolerance=1e-5, checked=False)
-    s.state.passes[0] = 1  # as if it had been solved before
+    s.state.last[:] = 1, 64  # as if it had been solved before
     s.advance(1)
     assert s.counts.substeps[0] == number
     assert s.counts.joined[0] == 16 - number
@@ -214,7 +214,7 @@ def test_substeps_are_joined_where_tiles_are_slow_and_do_not_overlap(gap, speed,
 def test_substeps_are_joined_only_after_a_quick_solve():
     s = simulate([tile(0, 0), tile(1.0001 * WIDTH, 0)], step=1 / 120, substeps=16, passes=50)
     for passes, number in ((9, 16), (1, 2)):
-        s.state.passes[0] = passes
+        s.state.last[:] = passes, 64
         s.counts.substeps[0] = 0
         s.advance(1)
         assert s.counts.substeps[0] == number

@@ -109,7 +109,7 @@ class State(NamedTuple):
     vx: np.ndarray  # m/s
     vy: np.ndarray
     omega: np.ndarray  # rad/s
-    passes: np.ndarray  # int64[1], of the last solve
+    last: np.ndarray  # int64[2], passes of the last solve, and the substep (h/8) that it foresaw
     impulses: Impulses
 
 
@@ -359,15 +359,23 @@ def ticks_at(k: Numbers, rows: Rows, v: Bodies, calm: bool) -> int:
     for i in range(rows.size[0]):
         a, b = U(ra[i]), U(rb[i])
         dx, dy = vx[b] - vx[a], vy[b] - vy[a]
-        turn2 = max(turn2, w[a] * w[a] + w[b] * w[b])
         # Along a wall tiles slide as they are; what hits it is met where it hits.
         past2 = max(past2, dx * dx + dy * dy if b != U(k.n) else 0.0)
+        turn2 = max(turn2, w[a] * w[a] + w[b] * w[b])
     turn, past = math.sqrt(turn2), math.sqrt(past2)
     ticks = TICKS * JOINED if calm and k.join_substeps != 0 else TICKS
     while ticks > TICKS and (ticks * k.h * turn > CALM_TURN * TICKS
                              or ticks * k.h * past > CALM_WAY * k.width * TICKS):
         ticks >>= 1
     while ticks > 1 and ticks * k.h * turn > TURN * TICKS:
+        ticks >>= 1
+    return ticks
+
+
+@inline
+def fitting(ticks: int, room: int) -> int:
+    """A length, halved until it fits."""
+    while ticks > room:
         ticks >>= 1
     return ticks
 
@@ -471,7 +479,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     multiplied within a step.
     """
     n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
-    x, y, angle, last = state.x, state.y, state.angle, state.passes
+    x, y, angle, last = state.x, state.y, state.angle, state.last
     v, rows, c, s, before = work.bodies, work.rows, work.c, work.s, work.shift
     copy(state.vx, v.vx, n + 1)
     copy(state.vy, v.vy, n + 1)
@@ -488,7 +496,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     rows.effort[:] = 0
     error, done = OK, 0
     m, known = np.int64(0), False
-    wanted, before_ticks, kh, overlap = TICKS, TICKS, with_substep(k, h), 0.0
+    wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
         speeds(k, v, work.pace, work.speed)
@@ -544,9 +552,11 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     copy(x, work.x0, n)
                     copy(y, work.y0, n)
                     copy(angle, work.angle0, n)
-                ticks = wanted
-                while ticks > left - end:
-                    ticks >>= 1
+                ticks = fitting(min(wanted, promised), left - end)
+                rest = left - end - ticks
+                promised = fitting(wanted, rest if rest > 0 else k.substeps * TICKS // parts)
+                # From the middle of this substep to that of the next.
+                ahead = 0.5 * max(2 * ticks, ticks + promised) * tick
                 if ticks != before_ticks:
                     scale_impulses(rows, ticks / before_ticks)
                     before_ticks, h = ticks, ticks * tick
@@ -560,14 +570,14 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 if m > 0 or floor.law == EXACT:
                     turn(n, angle, c, s)
                 if m > 0:
-                    place_rows(rows, n, k.width, h, k.wall, k.wall_x, k.wall_y, x, y, c, s, vx,
-                               vy, w)
-                    struck = weigh(rows, h, ii / im, k.threshold)
+                    place_rows(rows, n, k.width, ahead, k.wall, k.wall_x, k.wall_y, x, y, c, s,
+                               vx, vy, w)
+                    struck = weigh(rows, ahead, ii / im, k.threshold)
                     overlap = note_overlap(rows, k.width, ticks, counts)
                     wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                     if struck > 0:
                         counts.impacts[0] += struck
-                        impacts(rows, kh, v, work.scratch, x, y, angle, c, s)
+                        impacts(rows, with_substep(k, ahead), v, work.scratch, x, y, angle, c, s)
                 else:
                     counts.overlap[0] += ticks
                 kick(kh, work.fx, work.fy, work.torque, v)
@@ -602,6 +612,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             break
         done += 1
         counts.steps[0] += 1
+    last[1] = promised
     if known:
         scale_impulses(rows, TICKS / before_ticks)
         remember(rows, m, n, state.impulses)

@@ -158,7 +158,7 @@ def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     size = int(impulses.size[0])
     _write_arrays(path, {
         "format": FORMAT, "fingerprint": mark, "steps": simulation.steps,
-        "passes": state.passes, **{name: getattr(state, name)[:-1] for name in FIELDS},
+        "last": state.last, **{name: getattr(state, name)[:-1] for name in FIELDS},
         **{f"impulse_{name}": getattr(impulses, name)[:size] for name in impulses._fields[1:]},
         **{f"count_{name}": getattr(simulation.counts, name) for name in _kept(simulation)},
     })
@@ -178,7 +178,7 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     """
     state, counts = simulation.state, simulation.counts
     names = state.impulses._fields[1:]
-    data = _read_arrays(path, ("format", "fingerprint", "steps", "passes", *FIELDS,
+    data = _read_arrays(path, ("format", "fingerprint", "steps", "last", *FIELDS,
                                *(f"impulse_{name}" for name in names),
                                *(f"count_{name}" for name in _kept(simulation))))
     if data["format"].tolist() != FORMAT:
@@ -201,7 +201,7 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     for name in names:
         getattr(state.impulses, name)[:size] = data[f"impulse_{name}"]
     state.impulses.size[0] = size
-    state.passes[:] = data["passes"]
+    state.last[:] = data["last"]
     for name in _kept(simulation):
         getattr(counts, name)[:] = data[f"count_{name}"]
     simulation.steps = int(data["steps"])

@@ -104,7 +104,7 @@ class Simulation:
                            layout.vy * free, layout.omega * free)
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
-                                np.full(1, scene.solver.passes),  # not known to be calm
+                                np.array([scene.solver.passes, core.TICKS]),  # not known calm
                                 empty_impulses(_rows(capacity)))
         types = scene.types
         self.tiles = core.Tiles(
