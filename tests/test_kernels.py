@@ -219,6 +219,19 @@ def test_substeps_are_joined_only_after_a_quick_solve():
         s.advance(1)
         assert s.counts.substeps[0] == number
 
+def test_a_longer_substep_is_foreseen_by_the_solve_before_it():
+    """A tile flies at the wall, wherever it is when substeps are first joined: what a solve looks
+    ahead to is the middle of the next substep, however long that is."""
+    for k in range(25):
+        s = simulate([tile(0.2 + 1e-3 * k, 0.0, math.pi / 4, vx=1.3)], step=1 / 120, substeps=16,
+                     reactor=Reactor("circle", 0.26), body=material(restitution=0.2))
+        for _ in range(6):
+            s.state.last[0] = 1  # its solves are quick; what they have promised stays
+            s.advance(1)
+        assert s.counts.impacts[0] == 1
+        assert s.counts.joined[0] > 0
+        assert s.counts.deepest[0] < 1e-4 * WIDTH
+
 
 @pytest.mark.parametrize(("distance", "spin", "more"), [
     (1.1, 40.0, 1), (1.1, 150.0, 2), (1.1, 350.0, 4), (1.1, 1600.0, 8), (3.0, 1600.0, 1)])

@@ -42,6 +42,7 @@ import numpy as np
 
 from tbsa.kernels.contacts import (
     BLOCK,
+    CIRCLE,
     COLOURS,
     COUNT,
     GAP0,
@@ -352,15 +353,18 @@ def with_substep(k: Numbers, h: float) -> Numbers:
 
 
 @inline
-def ticks_at(k: Numbers, rows: Rows, v: Bodies, calm: bool) -> int:
+def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, calm: bool) -> int:
     """Length of the next substeps, in eighths of h, after the tiles that have rows."""
     vx, vy, w, ra, rb = v.vx, v.vy, v.w, rows.a, rows.b
     turn2, past2 = 0.0, 0.0
     for i in range(rows.size[0]):
         a, b = U(ra[i]), U(rb[i])
         dx, dy = vx[b] - vx[a], vy[b] - vy[a]
-        # Along a wall tiles slide as they are; what hits it is met where it hits.
-        past2 = max(past2, dx * dx + dy * dy if b != U(k.n) else 0.0)
+        speed2 = dx * dx + dy * dy
+        if b == U(k.n) and k.wall == CIRCLE:  # along it tiles slide as they are
+            towards = x[a] * dx + y[a] * dy
+            speed2 = towards * towards / max(x[a] * x[a] + y[a] * y[a], 1e-300)
+        past2 = max(past2, speed2)
         turn2 = max(turn2, w[a] * w[a] + w[b] * w[b])
     turn, past = math.sqrt(turn2), math.sqrt(past2)
     ticks = TICKS * JOINED if calm and k.join_substeps != 0 else TICKS
@@ -548,7 +552,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     if m > 0 and too_fast(n, 0.5 * k.width / k.h, rows, v):
                         error = TOO_FAST
                         break
-                    wanted = ticks_at(k, rows, v, last[0] <= FEW and overlap <= CALM * k.width)
+                    calm = last[0] <= FEW and overlap <= CALM * k.width
+                    wanted = ticks_at(k, rows, x, y, v, calm)
                     copy(x, work.x0, n)
                     copy(y, work.y0, n)
                     copy(angle, work.angle0, n)
