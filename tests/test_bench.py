@@ -30,7 +30,7 @@ def driven():
 
 @pytest.fixture(scope="module")
 def trials():
-    return bench(driven(), after=0.25, horizon=0.25)
+    return bench(driven(), after=0.25, horizon=0.125)  # short: the order shows
 
 
 def test_shorter_substeps_come_nearer_to_the_finest_run(trials):
@@ -42,7 +42,7 @@ def test_shorter_substeps_come_nearer_to_the_finest_run(trials):
     steps = sorted(error)
     assert len(steps) == 5
     assert steps[-1] == pytest.approx(16 * steps[0])
-    assert error[steps[-1]] > 2 * error[steps[0]] > 0.0
+    assert error[steps[-1]] > 100 * error[steps[0]] > 0.0
 
 
 def test_trials_come_in_the_order_of_their_cost(trials):

@@ -337,7 +337,7 @@ def play(group, types=CHESSBOARD, torque=2e-4, law="coupled"):
     s = simulate([tile(*values[:6], kind=values[6]) for values in group], types=types,
                  magnet=Magnet(), reactor=Reactor("circle", 0.075), floor=Floor(law) if law !=
                  "separate" else Floor(angular=0.05), drive=Drive("unicycle", 0.06, torque, 1.0),
-                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-12,
+                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-13,
                  passes=20_000, substeps=4, join_substeps=False)
     s.run(0.2)
     assert s.counts.impacts[0] >= 5
