@@ -219,9 +219,17 @@ def test_substeps_are_joined_only_after_a_quick_solve():
         s.advance(1)
         assert s.counts.substeps[0] == number
 
-def test_a_longer_substep_is_foreseen_by_the_solve_before_it():
-    """A tile flies at the wall, wherever it is when substeps are first joined: what a solve looks
-    ahead to is the middle of the next substep, however long that is."""
+@pytest.mark.parametrize(("promised", "number"), [(64, 2), (16, 4), (8, 5)])
+def test_a_substep_is_no_longer_than_the_solve_before_it_foresaw(promised, number):
+    s = simulate([tile(0, 0), tile(1.0001 * WIDTH, 0)], step=1 / 120, substeps=16)
+    s.state.last[:] = 1, promised
+    s.advance(1)
+    assert s.counts.substeps[0] == number
+    assert s.state.last[1] == 64
+
+
+def test_what_flies_at_a_wall_keeps_substeps_short():
+    """A tile flies at the wall, wherever it is when substeps are first joined."""
     for k in range(25):
         s = simulate([tile(0.2 + 1e-3 * k, 0.0, math.pi / 4, vx=1.3)], step=1 / 120, substeps=16,
                      reactor=Reactor("circle", 0.26), body=material(restitution=0.2))
