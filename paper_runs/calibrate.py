@@ -19,7 +19,8 @@ would be a clear miss,
   what is above it counts a unit for each doubling: whoever has 300 does not write 130, but it is
   no contradiction.  In runs shorter than the paper's that holds for sizes below, too, as the
   assembly still grows;
-* errors and holes: their difference, a unit for each percentage point, which is about one tile;
+* errors and holes: their difference, a unit for each percentage point, which is about one tile
+  (attached tiles off the lattice are no errors in the paper's sense; they are shown, not weighed);
 * in runs of 3600 s also the trend: what the slope of the last third adds, a unit for each 10 % of
   the size that a shaken assembly gains or loses or a self-stabilizing one loses,
 
@@ -61,6 +62,7 @@ class Point:
     size: float
     errors: float  # per cent; not a number if nothing was attached
     holes: float
+    off: float  # attached tiles off the lattice, which the paper does not tell of; likewise
     gain: float  # over the last third, per cent of the size; likewise if runs are short
     runs: int
     duration: float
@@ -117,7 +119,8 @@ def point(folder: Path, rows: pd.DataFrame) -> Point:
     if duration >= DURATION:
         gain = float(np.mean(growth(folder, rows)[2]))
     return Point(drive, figures["size"].value, figures["errors"].value, figures["holes"].value,
-                 gain, len(rows), duration, tuple(met), tuple(missed))
+                 percent(rows["off_lattice"], rows["size"]).value, gain, len(rows), duration,
+                 tuple(met), tuple(missed))
 
 
 def points(folder: Path, table: pd.DataFrame) -> dict[tuple[str, ...], Point]:
@@ -181,10 +184,12 @@ def ranking(ranked: Sequence[Candidate]) -> list[str]:
         worst = max(misses, key=lambda name: abs(misses[name]))
         rows.append((k + 1, each.law, f"{each.force:g}", f"{each.torque:g}",
                      f"{each.distance:.2f}", _cell(each.ours), _cell(each.theirs),
+                     ", ".join("–" if math.isnan(point.off) else f"{point.off:.1f}"
+                               for point in (each.ours, each.theirs)),
                      f"{each.ours.runs} and {each.theirs.runs}",
                      f"{worst} ({number(misses[worst])})"))
-    return markdown(("", "floor", "F_mag", "T_mag", "distance", SELF, SHAKING, "runs",
-                     "furthest off (units)"), rows)
+    return markdown(("", "floor", "F_mag", "T_mag", "distance", SELF, SHAKING,
+                     "off the lattice (%)", "runs", "furthest off (units)"), rows)
 
 
 def choice(ranked: Sequence[Candidate], final: bool) -> list[str]:

@@ -235,8 +235,8 @@ def test_numbers_have_three_digits(value, text):
 # The rule of the calibration.
 
 
-def a_point(drive, size, errors=0.0, holes=0.0, gain=math.nan, duration=300.0):
-    return Point(drive, size, errors, holes, gain, 1, duration, (), ())
+def a_point(drive, size, errors=0.0, holes=0.0, gain=math.nan, duration=300.0, off=0.0):
+    return Point(drive, size, errors, holes, off, gain, 1, duration, (), ())
 
 
 def test_the_papers_own_figures_are_at_distance_zero():
@@ -263,6 +263,15 @@ def test_short_runs_have_no_trend_and_an_empty_assembly_is_far_off():
     nothing = a_point(SHAKEN, 0.0, math.nan, math.nan)
     assert nothing.misses()["size"] < -15.0
     assert nothing.misses()["errors"] == 0.0
+
+
+def test_tiles_off_the_lattice_are_shown_beside_the_rule_and_not_weighed():
+    ours, theirs = a_point(SELF, 130.0, off=30.8), a_point(SHAKEN, 35.0)
+    tilted = Candidate("separate", 0.06, 1e-3, ours, theirs)
+    straight = Candidate("separate", 0.06, 1e-3, a_point(SELF, 130.0), theirs)
+    assert tilted.distance == straight.distance
+    head, _, row = (line.split(" | ") for line in calibrate.ranking([tilted]))
+    assert row[head.index("off the lattice (%)")] == "30.8, 0.0"
 
 
 def mapped(best=(0.06, 1e-3), law="separate", lacking=()):
