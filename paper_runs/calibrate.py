@@ -22,7 +22,8 @@ would be a clear miss,
 * errors and holes: their difference, a unit for each percentage point, which is about one tile
   (attached tiles off the lattice are no errors in the paper's sense; they are shown, not weighed);
 * in runs of 3600 s also the trend: what the slope of the last third adds, a unit for each 10 % of
-  the size that a shaken assembly gains or loses or a self-stabilizing one loses,
+  the size that a shaken assembly gains or loses, or by which a self-stabilizing one falls short of
+  gaining 10 %, the least that counts as not having reached its limit,
 
 and the distance of a candidate is the root of the sum of squares.  The smallest is chosen.
 """
@@ -79,7 +80,7 @@ class Point:
             value = getattr(self, name)
             found[name] = 0.0 if math.isnan(value) else (value - wanted[name].value) / POINT
         if not short and not math.isnan(self.gain):
-            found["trend"] = (min(self.gain, 0.0) if bound else self.gain) / STEADY
+            found["trend"] = (min(self.gain - STEADY, 0.0) if bound else self.gain) / STEADY
         return found
 
 

@@ -240,7 +240,7 @@ def a_point(drive, size, errors=0.0, holes=0.0, gain=math.nan, duration=300.0, o
 
 
 def test_the_papers_own_figures_are_at_distance_zero():
-    ours = a_point(SELF, 130.0, 0.0, 1.5, 4.0, DURATION)
+    ours = a_point(SELF, 130.0, 0.0, 1.5, 14.0, DURATION)
     theirs = a_point(SHAKEN, 35.0, 0.5, 0.0, 0.0, DURATION)
     assert Candidate("separate", 0.06, 1e-3, ours, theirs).distance == 0.0
 
@@ -253,7 +253,8 @@ def test_the_papers_own_figures_are_at_distance_zero():
     (a_point(SHAKEN, 35, errors=2.5), "errors", 2.0), (a_point(SELF, 130, holes=0.5), "holes", -1),
     (a_point(SHAKEN, 35, gain=-20.0, duration=DURATION), "trend", -2.0),
     (a_point(SELF, 130, gain=20.0, duration=DURATION), "trend", 0.0),
-    (a_point(SELF, 130, gain=-10.0, duration=DURATION), "trend", -1.0)])
+    (a_point(SELF, 130, gain=4.0, duration=DURATION), "trend", -0.6),  # all but at its limit
+    (a_point(SELF, 130, gain=-10.0, duration=DURATION), "trend", -2.0)])
 def test_a_miss_is_counted_in_the_units_of_the_rule(point, name, units):
     assert point.misses()[name] == pytest.approx(units, abs=1e-12)
 
