@@ -10,7 +10,9 @@ readings.toml.  The choice is made from the finals where there are any, else fro
 The rule
 --------
 A candidate is a law of floor friction, a force and a torque; shaking takes part with the same law
-and the same force.  Six figures of merit are compared with the paper's: size, errors and holes at
+and the same force.  The law is not chosen: the paper's Table I has a linear and an angular
+coefficient, which is separate friction; candidates with coupled friction are ranked beside the
+others.  Six figures of merit are compared with the paper's: size, errors and holes at
 the end, of either drive, each a mean over the runs.  How far one is off is taken in units of what
 would be a clear miss,
 
@@ -51,6 +53,7 @@ from tbsa.work.plan import read_plan
 QUARTER, DOUBLE, POINT = math.log(1.25), math.log(2.0), 1.0  # units of a miss
 LEAST = 0.5  # tiles; stands for an assembly of none in a logarithm
 LAW, FORCE, TORQUE = "floor.law", "drive.force", "drive.torque"
+PRINTED = "separate"  # the law of the paper's Table I, in which force and torque are chosen
 SHOWN = 10  # candidates in the ranking
 SEEDS = 2  # of the finals
 
@@ -144,6 +147,11 @@ def candidates(found: dict[tuple[str, ...], Point]) -> list[Candidate]:
     return sorted(both, key=lambda each: (each.distance, each.force, each.torque, each.law))
 
 
+def eligible(ranked: Sequence[Candidate]) -> list[Candidate]:
+    """Those with the paper's law of floor friction, of which one is chosen."""
+    return [each for each in ranked if each.law == PRINTED]
+
+
 # ---------------------------------------------------------------------------------------------
 # The report.
 
@@ -195,8 +203,11 @@ def ranking(ranked: Sequence[Candidate]) -> list[str]:
 
 def choice(ranked: Sequence[Candidate], final: bool) -> list[str]:
     """What is chosen, and whether the paper's figures can be met together."""
+    others = [each for each in ranked if each.law != PRINTED]
+    ranked = eligible(ranked)
     if not ranked:
-        return ["No setting has runs of both drives yet: nothing can be chosen."]
+        return [f"No setting with {PRINTED} friction has runs of both drives yet: nothing can be "
+                "chosen."]
     best = ranked[0]
     lines = [f"**{'Chosen' if final else 'Nearest so far'}: F_mag = {best.force:g} N, "
              f"T_mag = {best.torque:g} N m, {best.law} floor friction** (distance "
@@ -205,6 +216,10 @@ def choice(ranked: Sequence[Candidate], final: bool) -> list[str]:
         second = ranked[1]
         lines.append(f"Runner-up: {second.force:g} N, {second.torque:g} N m, {second.law} "
                      f"(distance {second.distance:.2f}).")
+    if others:
+        other = others[0]
+        lines.append(f"With {other.law} friction the nearest is {other.force:g} N, "
+                     f"{other.torque:g} N m (distance {other.distance:.2f}).")
     full = [each for each in ranked if not each.missed]
     if not final:
         lines.append(f"Runs of {best.ours.duration:g} s cannot tell whether the paper's figures at "
@@ -346,7 +361,7 @@ def _rule() -> str:
 
 def finals(ranked: Sequence[Candidate], number: int) -> str:
     """A campaign's file: the nearest settings for the paper's duration."""
-    chosen = ranked[:number]
+    chosen = eligible(ranked)[:number]
     shaken = list(dict.fromkeys((each.law, each.force) for each in chosen))
 
     def array(values: Sequence[object]) -> str:
@@ -402,10 +417,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         text, ranked = report(folders)
         files = {arguments.out: text}
         if arguments.finals is not None:
-            if not 1 <= arguments.finals <= len(ranked):
-                raise InputError(f"must be from 1 to {len(ranked)}, the settings of the maps for "
-                                 "which both drives are there", field="--finals",
-                                 value=arguments.finals)
+            most = len(eligible(ranked))
+            if not 1 <= arguments.finals <= most:
+                raise InputError(f"must be from 1 to {most}, the settings of the maps with "
+                                 f"{PRINTED} friction for which both drives are there",
+                                 field="--finals", value=arguments.finals)
             files[FILES["finals"]] = finals(ranked, arguments.finals)
         for path, content in files.items():
             write_atomically(path, content.encode())

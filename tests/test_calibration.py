@@ -300,6 +300,15 @@ def test_the_nearest_setting_is_found_with_one_force_for_both_drives(tmp_path):
         assert each.theirs.size == round(35 * math.exp(-off))
 
 
+def test_coupled_friction_is_ranked_but_not_chosen(tmp_path):
+    tables(HERE / "calibration.toml", tmp_path / "calibration", mapped(law="coupled"))
+    text, ranked = calibrate.report({n: tmp_path / f.stem for n, f in calibrate.FILES.items()})
+    assert ranked[0].law == "coupled"
+    assert "**Nearest so far: F_mag = 0.06 N, T_mag = 0.001 N m, separate floor friction**" in text
+    assert "With coupled friction the nearest is 0.06 N, 0.001 N m" in text
+    assert '"coupled"' not in calibrate.finals(ranked, 4)
+
+
 def test_without_shaking_at_a_force_it_is_no_candidate_and_that_is_said(tmp_path):
     tables(HERE / "calibration.toml", tmp_path / "whole", mapped(lacking={("shaking", 0.06)}))
     keep.keep(tmp_path / "whole", tmp_path / "calibration", [], 2)
