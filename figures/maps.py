@@ -30,13 +30,14 @@ def make() -> Figure:
     scene = tbsa.load(HERE / "self_stabilizing.toml")
     chosen = scene.floor.law, scene.drive.force, scene.drive.torque
     largest = float(pd.concat([unicycle, shaking])["size"].max())
+    forces = sorted(set(table["drive.force"]))  # the panels share their columns
     laws = [law for law in FLOORS if law in set(unicycle["floor.law"])]
     fig = figure(1.0 + 1.75 * len(laws))
     axes = fig.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, law in zip(axes, laws, strict=True):
         grid = _means(unicycle[unicycle["floor.law"] == law], "drive.torque")
         shaken = _means(shaking[shaking["floor.law"] == law], "floor.law")
-        shaken = shaken.reindex(columns=grid.columns)
+        grid, shaken = grid.reindex(columns=forces), shaken.reindex(columns=forces)
         _cells(ax, grid.to_numpy(), 0.0, largest)
         _cells(ax, shaken.to_numpy(), -1.3, largest)
         ax.set_yticks([-1.3, *range(len(grid))],

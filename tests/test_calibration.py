@@ -832,6 +832,18 @@ def test_the_maps_frame_the_scenes_force_and_torque(tmp_path, monkeypatch):
         assert patch.get_x() + 0.48 == pytest.approx(forces.index(scene.drive.force))
 
 
+def test_a_map_that_is_done_in_part_shares_the_columns_of_the_other(tmp_path, monkeypatch):
+    table = tables(HERE / "calibration.toml", tmp_path, mapped())
+    late = (table["floor.law"] == "coupled") & (table["drive.force"] > 0.06)
+    table[~late | (table["group"] == "map-shaking")].to_csv(tmp_path / "table.csv", index=False)
+    monkeypatch.setattr(maps_figure, "DATA", (tmp_path / "table.csv",))
+    for ax in drawn(maps_figure).axes:
+        left, right = ax.get_xlim()
+        assert (left, right) == (-0.5, 9.5)
+        assert all(left < text.get_position()[0] < right for text in ax.texts)
+    assert sum(text.get_text() == "–" for text in ax.texts) == 7 * 9
+
+
 def test_every_new_figure_fits_a_column(beyond):
     for script in (frequency, families, events, more_tiles, elsewhere):
         width, height = drawn(script).get_size_inches()
