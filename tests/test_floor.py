@@ -17,6 +17,7 @@ from tbsa.kernels.floor import (
     STEPS,
     TORQUE,
     _normal,
+    ellipsoid,
     floor_impulse,
     square_friction,
 )
@@ -209,6 +210,18 @@ def test_a_sliding_tile_is_easy_to_turn(law):
     held = impulse(law, (0.0, 0.0, w), (0.0, 0.0, w))
     sliding = impulse(law, (v, 0.0, w), (v, 0.0, w))
     assert abs(sliding[2]) < 0.3 * abs(held[2])
+
+
+@given(start=twists, trial=twists, size=st.floats(-3.0, 1.0), load=st.floats(-4.0, 2.0))
+@quick
+def test_the_vector_code_of_the_coupled_law_is_the_law(start, trial, size, load):
+    width, r = WIDTH * 10**size, R * 10**load
+    inertia, q = MASS * width**2 / 6.0, TORQUE * r * width
+    known = impulse(COUPLED, start, trial, 0.0, MASS, inertia, r, q)
+    *p, stops = ellipsoid(*map(float, start), *map(float, trial), MASS, inertia, r, q)
+    assert np.all(np.abs(p - known) <= 1e-13 * np.array([r, r, q]))
+    stopping = -np.array([MASS, MASS, inertia]) * trial
+    assert stops == np.array_equal(known, stopping)
 
 
 def test_no_law_no_impulse():

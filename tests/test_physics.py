@@ -106,6 +106,18 @@ def test_a_spinning_tile_stops_after_the_closed_forms(reading, torque, damping):
     assert (s.x[0], s.y[0]) == (0.1, 0.2)
 
 
+@pytest.mark.parametrize(("law", "nothing"), [
+    *((law, {"gravity": 0.0}) for law in LAWS), ("separate", {"linear": 0.0, "angular": 0.0}),
+    ("coupled", {"linear": 0.0}), ("exact", {"linear": 0.0})])
+def test_a_floor_without_friction_is_as_none_to_the_bit(law, nothing):
+    tiles = [tile(0.0, 0.0, 0.1, 0.2, 0.05, 3.0), tile(0.032, 0.001, 0.2, -0.1)]
+    on, off = (simulate(tiles, floor=floor, drive=Drive("constant", (0.01, 0.02), 1e-5))
+               for floor in (Floor(law, **nothing), None))
+    for s in (on, off):
+        s.run(0.5)
+    assert (state(on) == state(off)).all()
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("share", [0.5, 0.999])
 def test_a_load_within_the_floors_friction_moves_nothing_by_a_single_bit(law, share):

@@ -63,7 +63,15 @@ from tbsa.kernels.contacts import (
     WANT1,
     Rows,
 )
-from tbsa.kernels.floor import SEPARATE, disc, floor_impulse, interval
+from tbsa.kernels.floor import (
+    COUPLED,
+    EXACT,
+    SEPARATE,
+    disc,
+    ellipsoid,
+    floor_impulse,
+    interval,
+)
 from tbsa.kernels.jit import U, columns, copy, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
@@ -341,13 +349,24 @@ def separate(startx: float, starty: float, startw: float, vx: float, vy: float, 
     return px, py, pw, ux, uy, (0.0 if halts else tw + ii * pw)
 
 
-@inline
-def together(law: int, startx: float, starty: float, startw: float, vx: float, vy: float,
-             w: float, px: float, py: float, pw: float, im: float, ii: float, mass: float,
-             inertia: float, bound: float, turn: float, c: float, s: float) -> Any:
-    """The same under the laws of force and torque together."""
+@lane
+def coupled(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
+            px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
+            bound: float, turn: float) -> Any:
+    """The same under the law `COUPLED`."""
     tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, pw = floor_impulse(law, startx, starty, startw, tx, ty, tw, mass, inertia, bound,
+    px, py, pw, stops = ellipsoid(startx, starty, startw, tx, ty, tw, mass, inertia, bound, turn)
+    return (px, py, pw, 0.0 if stops else tx + im * px, 0.0 if stops else ty + im * py,
+            0.0 if stops else tw + ii * pw)
+
+
+@inline
+def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: float, px: float,
+          py: float, pw: float, im: float, ii: float, mass: float, inertia: float, bound: float,
+          turn: float, c: float, s: float) -> Any:
+    """The same under the law `EXACT`."""
+    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
+    px, py, pw = floor_impulse(EXACT, startx, starty, startw, tx, ty, tw, mass, inertia, bound,
                                turn, c, s)
     stopped = px == -mass * tx and py == -mass * ty
     ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
@@ -372,11 +391,19 @@ def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray
             change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
+    elif floor.law == COUPLED:
+        for i in range(n):
+            px, py, pw, ux, uy, uw = coupled(
+                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
+                floort[i], im, ii, mass, inertia, bound, turn)
+            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            floorx[i], floory[i], floort[i] = px, py, pw
+            vx[i], vy[i], w[i] = ux, uy, uw
     else:
         for i in range(n):
-            px, py, pw, ux, uy, uw = together(
-                floor.law, startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i],
-                floory[i], floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
+            px, py, pw, ux, uy, uw = exact(
+                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
+                floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
             change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
@@ -392,9 +419,13 @@ def floor_alone(i: int, floor: FloorLaw, k: Numbers, im: float, ii: float, c: np
         px, py, pw, ux, uy, uw = separate(
             v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
             v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
+    elif floor.law == COUPLED:
+        px, py, pw, ux, uy, uw = coupled(
+            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
     else:
-        px, py, pw, ux, uy, uw = together(
-            floor.law, v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+        px, py, pw, ux, uy, uw = exact(
+            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
             v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn, c[i], s[i])
     v.floorx[i], v.floory[i], v.floort[i] = px, py, pw
     v.vx[i], v.vy[i], v.w[i] = ux, uy, uw

@@ -134,8 +134,10 @@ class Simulation:
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,
         )
         law = {"separate": SEPARATE, "coupled": COUPLED, "exact": EXACT}
-        self.floor = FloorLaw(law[scene.floor.law] if scene.floor else NONE,
-                              *(float(limit) for limit in floor_limits(scene)))
+        limits = [float(limit) for limit in floor_limits(scene)]
+        # A floor without friction is as good as none.
+        self.floor = FloorLaw(law[scene.floor.law] if scene.floor and any(limits) else NONE,
+                              *limits)
         if magnet is None or not self.tiles.glues.any():
             self.magnets = MagnetLaw(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
         else:
