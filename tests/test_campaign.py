@@ -270,6 +270,17 @@ def test_of_equally_long_runs_the_groups_take_turns():
     assert [each.group for each in share(plan, (1, 1))] == ["self-stabilizing", "shaking"] * 36
 
 
+def test_of_equally_long_runs_one_of_each_setting_comes_first():
+    plan = read_plan(ROOT / "paper_runs" / "readings.toml")
+    order = [each for each in share(plan, (1, 1)) if each.cost == plan[0].cost]
+    samples = [(each.group, each.settings) for each in order]
+    settings = len(set(samples))
+    assert settings > 20
+    assert len(samples) == 4 * settings
+    for k in range(4):
+        assert len(set(samples[k * settings : (k + 1) * settings])) == settings
+
+
 # ---------------------------------------------------------------------------------------------
 # What it leaves.
 

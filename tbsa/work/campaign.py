@@ -150,16 +150,19 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
 def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
     """The i-th of n shares of about the same length, longest runs first.
 
-    Of equally long runs the groups take turns, so that what is done halfway is half of each.
+    Of equally long runs one of each setting comes first, then a second seed of each; and the
+    groups take turns.  So what is done halfway is half of each.
     """
     i, n = part
     if not 1 <= i <= n:
         raise InputError("must be I/N, I from 1 to N", field="part", value=f"{i}/{n}")
-    place: Counter[str] = Counter()
+    place: Counter[tuple[str, ...]] = Counter()
     turns = []
     for each in plan:
-        turns.append(place[each.group])
-        place[each.group] += 1
+        sample = each.group, each.settings
+        turns.append((place[sample], place[each.group,]))
+        place[sample] += 1
+        place[each.group,] += 1
     order = sorted(range(len(plan)), key=lambda k: (-plan[k].cost, turns[k]))
     return [plan[k] for k in order[i - 1 :: n]]
 
