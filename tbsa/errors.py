@@ -35,7 +35,8 @@ class InputError(ValueError):
             self.value = value
         where = ": ".join(part for part in (file, field) if part)
         what = message if value is self._absent else f"{_short(value)} {message}"
-        super().__init__(f"{where}: {what}" if where else what)
+        # One line, whatever a key of the file or another library's message may hold.
+        super().__init__("\\n".join((f"{where}: {what}" if where else what).splitlines()))
 
     @property
     def without_file(self) -> str:
@@ -44,5 +45,8 @@ class InputError(ValueError):
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of more digits than Python prints
+        text = "a number of thousands of digits"
     return text if len(text) <= 80 else text[:77] + "..."

@@ -204,6 +204,19 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "free.tile[1].position", "must not overlap free.tile[0]; it does by 0.01 m"),
     ("a tile on the seed", GOOD + '[seed]\nshape = "L"\narm = 2\n', "free.tile[0].position",
      "must not overlap seed cell (0, 0, 'black')"),
+    # types that seed and free tiles count
+    ("no type to count", "[tiles]\ntype = []\n[free]\nnumber = 2\n", "tiles.type",
+     "must hold at least one tile type"),
+    ("a type named by a date", "[[tiles.type]]\nname = 2022-02-25\nglues = [1, 1, 1, 1]\n"
+     'colour = "black"\n[seed]\nshape = "L"\narm = 1\n', "tiles.type[0].name", "must be"),
+    ("a type named by a table", "[[tiles.type]]\nname = {a = 1}\nglues = [1, 1, 1, 1]\n"
+     'colour = "black"\n[free]\nnumber = 1\n', "tiles.type[0].name", "must be"),
+    # what TOML and Python cannot read
+    ("a number of thousands of digits", GOOD + f"[run]\nseed = {'1' * 5000}\n", "",
+     "must be valid TOML: "),
+    ("a hexadecimal number of thousands of digits", GOOD + f"[run]\nseed = 0x{'f' * 5000}\n",
+     "run.seed", "a number of thousands of digits must be an integer"),
+    ("arrays in arrays", f"a = {'[' * 5000}{']' * 5000}\n" + GOOD, "", "nested too deeply"),
     # magnet
     ("a magnet without strength", GOOD + "[magnet]\nalpha = 0\n", "magnet.alpha",
      "0.0 must be a number above 0 to 10000 N m^2"),
@@ -211,6 +224,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "-0.001 must be a number from 0 to 10 m"),
     ("an infinite force at contact", GOOD + "[magnet]\nbeta = 0\ninset = 0\n", "magnet.beta",
      "must be above 0 m unless magnet.inset is"),
+    ("magnets in one place", GOOD + "[magnet]\nalpha = 2.29e-4\nbeta = 1.65e-3\ninset = 0\n",
+     "magnet.inset", "0.0 must be at least 0.0003 m, 1% of the width"),
     ("magnets beyond the centre", GOOD + "[magnet]\ninset = 0.015\n", "magnet.inset",
      "0.015 must be a number from 0 to below half the tile width, 0.015 m"),
     ("a cut-off of zero", GOOD + "[magnet]\ncutoff = 0.0\n", "magnet.cutoff",
@@ -237,6 +252,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "drive.force", "is missing"),
     ("a negative frequency", GOOD + '[drive]\nkind = "shaking"\nforce = 0.1\nfrequency = -1\n',
      "drive.frequency", "-1.0 must be a number from 0 to 10000 Hz"),
+    ("a drive faster than forces are found", GOOD + '[drive]\nkind = "shaking"\nforce = 0.1\n'
+     "frequency = 960\n", "drive.frequency", "960.0 must be at most 120 Hz"),
     ("a drive of one's own without a module", GOOD + '[drive]\nkind = "user"\nfunction = "f"\n',
      "drive.module", "is missing"),
     ("a module that is not there", GOOD + '[drive]\nkind = "user"\nmodule = "missing.py"\n'
@@ -256,6 +273,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "-9.81 must be a number from 0 to 1000 m/s^2"),
     ("no time step", GOOD + "[solver]\nstep = 0.0\n", "solver.step",
      "0.0 must be a number above 0 to 0.1 s"),
+    ("a step that the time cannot hold", GOOD + "[solver]\nstep = 1e-300\n", "solver.step",
+     "1e-300 must be at least 1e-09 s"),
     ("a rate for a time step", GOOD + "[solver]\nstep = 120\n", "solver.step",
      "120.0 must be a number above 0 to 0.1 s"),
     ("no substeps", GOOD + "[solver]\nsubsteps = 0\n", "solver.substeps",

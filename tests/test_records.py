@@ -428,6 +428,112 @@ def test_a_drive_edited_during_its_run_does_not_change_what_the_run_is(tmp_path)
     assert tbsa.read_run(tmp_path / "run").time[-1] == 3.0
 
 
+def driven(folder, source, parameters="[0.1]", function="push"):
+    """A scene with a drive of this source, read."""
+    (folder / "push.py").write_text(source)
+    path = folder / "scene.toml"
+    path.write_text(SCENE + f'[drive]\nkind = "user"\nmodule = "push.py"\n'
+                    f'function = "{function}"\nparameters = {parameters}\n')
+    return load(path)
+
+
+@pytest.mark.parametrize(("line", "words"), [
+    ("    if t > 0.1:\n        raise ValueError('boo')\n", r"ValueError \(boo\)"),
+    ("    assert t < 0.1\n", "AssertionError"),
+    ("    fx[0] += p[5]\n", "IndexError"),
+    ("    fx[x.size] += 1.0\n", "IndexError")])
+def test_a_drive_that_raises_ends_the_run(tmp_path, capfd, line, words):
+    with pytest.raises(simulation.SimulationError, match=f"the drive raised {words}"):
+        tbsa.run(driven(tmp_path, DRIVE + line), tmp_path / "run")
+    assert capfd.readouterr().err == ""
+    assert not json.loads((tmp_path / "run" / "run.json").read_text())["finished"]
+
+
+def test_a_drive_that_is_no_number_is_told_of_as_that(tmp_path):
+    scene = driven(tmp_path, DRIVE + "    if t > 0.0051:\n        fx[:] = t * 1e308 * 1e308 * 0\n")
+    with pytest.raises(simulation.SimulationError, match="stopped being finite"):
+        Simulation(scene).run(1.0)
+
+
+def test_a_drive_has_exactly_its_parameters(tmp_path):
+    source = DRIVE.replace("fx[i] += p[0] * family[i]", "fx[i] += p.size + p.sum()")
+    for parameters, force in (([], 0.0), ([2.0], 3.0), ([1.0, 2.0], 5.0)):
+        s = Simulation(driven(tmp_path, source, parameters))
+        fx = np.zeros(31)
+        s.engine(0.0, s.parameters, *np.zeros((8, 31)), fx, np.zeros(31), np.zeros(31))
+        assert set(fx.tolist()) == {force}
+
+
+def test_an_edited_drive_takes_effect_whatever_its_time_and_length(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    forces = []
+    for factor in (1, 2, 3):
+        scene = driven(tmp_path, DRIVE.replace("p[0] *", f"{factor} * p[0] *"))
+        os.utime(tmp_path / "push.py", (1e9, 1e9))
+        s = Simulation(scene)
+        fx = np.zeros(31)
+        s.engine(0.0, s.parameters, *np.zeros((6, 31)), np.ones(31), np.zeros(31), fx,
+                 np.zeros(31), np.zeros(31))
+        forces.append(fx[0])
+    assert forces == pytest.approx([0.1, 0.2, 0.3])
+    assert not (tmp_path / "__pycache__").exists()
+
+
+@pytest.mark.parametrize(("source", "words"), [
+    (DRIVE + "    yield\n", "not one that yields"),
+    (DRIVE + "import sys\nsys.exit(0)\n", "SystemExit: 0"),
+    (DRIVE + "raise ValueError('two\\nlines')\n", r"ValueError: two\\nlines"),
+    (DRIVE.replace("family[i]", "famly[i]"), "famly")])
+def test_what_is_no_drive_is_refused_in_one_line_before_anything_is_written(
+        tmp_path, source, words):
+    with pytest.raises(InputError, match=words) as caught:
+        tbsa.run(driven(tmp_path, source), tmp_path / "run")
+    assert len(str(caught.value).splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_drive_need_not_be_called_py(tmp_path):
+    scene = driven(tmp_path, DRIVE)
+    (tmp_path / "push.py").rename(tmp_path / "push")
+    scene = replace(scene, drive=replace(scene.drive, module="push"))
+    assert Simulation(scene).parameters.tolist() == [0.1]
+
+
+# ---------------------------------------------------------------------------------------------
+# Killed before the first checkpoint.
+
+
+def test_what_a_kill_before_the_first_checkpoint_leaves_is_no_obstacle(scene, whole, tmp_path):
+    folder = tmp_path / "begun"
+    folder.mkdir()
+    (folder / "records.npy").touch()
+    (folder / ".layout.npz.4711").write_bytes(b"half")
+    shutil.copy(whole / "scene.toml", folder)
+    records.run(scene, folder)
+    assert same(folder, whole) == []
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        path.name for path in whole.iterdir())
+
+
+@pytest.mark.parametrize("name", ["notes.txt", ".notes.txt.12", "metrics.csv"])
+def test_with_anything_else_beside_it_is_left_alone(scene, tmp_path, name):
+    folder = tmp_path / "begun"
+    folder.mkdir()
+    (folder / "records.npy").touch()
+    (folder / name).write_text("mine")
+    with pytest.raises(InputError, match="must be a new or an empty folder"):
+        records.run(scene, folder)
+    assert (folder / name).read_text() == "mine"
+
+
+def test_records_of_a_run_that_lost_its_run_json_are_left_alone(scene, whole):
+    (whole / "run.json").unlink()
+    before = (whole / "records.npy").read_bytes()
+    with pytest.raises(InputError, match="must be a new or an empty folder"):
+        records.run(scene, whole)
+    assert (whole / "records.npy").read_bytes() == before
+
+
 # ---------------------------------------------------------------------------------------------
 # Writing a file.
 

@@ -293,6 +293,12 @@ def test_a_scene_built_in_python_is_held_to_the_same_rules():
 # --- a drive of one's own ------------------------------------------------------------------------
 
 
+def test_a_message_is_one_line_even_of_a_key_of_two(tmp_path):
+    with pytest.raises(InputError, match=r"a\\nb: 1 is under an unknown key") as caught:
+        parse('"a\\nb" = 1\n' + GOOD)
+    assert len(str(caught.value).splitlines()) == 1
+
+
 def user(folder, source=ENGINE, function="push"):
     (folder / "engine.py").write_text(source, encoding="utf-8")
     file = folder / "scene.toml"

@@ -516,9 +516,10 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             if part > 0:
                 if magnetic:
                     speeds(k, v, work.pace, work.speed)
-                    if find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
-                                    np.int64(0), work, counts) != OK:
-                        return TOO_MANY, done
+                    error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
+                                         np.int64(0), work, counts)
+                    if error != OK:
+                        break
                 find_forces((first + step) * step_length + (part + 0.5) * part_length, n,
                             0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y,
                             angle, work)

@@ -10,7 +10,8 @@ angle (rad), velocity (m/s), spin (rad/s), ``family`` (a_i = omega_i: +1, -1 or 
 (N) and ``torque`` (N m); what it adds to held tiles has no effect.  It is called twice a step
 (once, if the number of substeps is odd), with the places at the middle of either half and the
 velocities at its beginning.  It is passed to the core as a
-first-class function, so a new engine never recompiles the core.
+first-class function, so a new engine never recompiles the core.  One of the user's own that
+raises, or leaves the bounds of an array, ends the run with an error.
 """
 
 from __future__ import annotations

@@ -185,11 +185,13 @@ def lane(function: Callable[..., Any]) -> Any:
 def callback(signature: Any, function: Callable[..., Any]) -> Any:
     """Compile `function` as a first-class function of one signature.
 
-    The package's own are cached on disk; a user's may call what no hash of ours sees change.
+    The package's own are cached on disk; a user's may call what no hash of ours sees change, and
+    its indices are checked.
     """
+    own = Path(function.__code__.co_filename).parent == Path(__file__).parent
     compiled = CFunc(function, sigutils.normalize_signature(signature), locals={},
-                     options={"error_model": "numpy"})
-    if Path(function.__code__.co_filename).parent == Path(__file__).parent:
+                     options={"error_model": "numpy", "boundscheck": not own})
+    if own:
         _cached(compiled, function)
     compiled.compile()
     return compiled

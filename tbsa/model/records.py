@@ -18,6 +18,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -250,13 +251,19 @@ def _read_info(folder: Path) -> dict[str, Any]:
 _LAYOUT = (*FIELDS, "type", "held", "seed")
 
 
+def _tiles(scene: Scene) -> int:
+    """Number of tiles, held and free."""
+    return (len(scene.seed.cells) if scene.seed else 0) + len(scene.free.tiles) + sum(
+        number for _, number in scene.free.counts)
+
+
 def _read_layout(folder: Path, scene: Scene) -> Layout:
     path = folder / "layout.npz"
     data = _read_arrays(path, _LAYOUT)
     layout = Layout(*(data[name] for name in _LAYOUT))
-    n = (len(scene.seed.cells) if scene.seed else 0) + len(scene.free.tiles) + sum(
-        number for _, number in scene.free.counts)
-    if any(data[name].shape != (n,) for name in _LAYOUT):
+    n = _tiles(scene)
+    kinds = dict.fromkeys(FIELDS, "f") | {"type": "i", "held": "b", "seed": "b"}
+    if any(data[name].shape != (n,) or data[name].dtype.kind != kinds[name] for name in _LAYOUT):
         raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
     return layout
 
@@ -284,7 +291,8 @@ def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
 def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> None:
     """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s."""
     data = _read_records(path, layout)
-    if data.size < keep or not np.allclose(data["time"][:keep], interval * np.arange(keep)):
+    if data.size < keep or not np.allclose(data["time"][:keep], interval * np.arange(keep),
+                                           rtol=1e-12, atol=1e-12 * interval):
         raise InputError(f"must hold {keep} records, one every {interval:g} s, to go on from its "
                          "checkpoint; record.interval has to stay what it was", file=str(path))
     header = np.lib.format.header_data_from_array_1_0(np.empty(0, data.dtype))
@@ -428,7 +436,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
     """
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
     if not resume:
-        _check_new(folder)
+        _check_new(folder, _tiles(scene))
         simulation = Simulation(scene)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -447,20 +455,32 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
             load_checkpoint(folder / "checkpoint.npz", simulation, mark)
             earlier = info["wall"]
         else:
-            _check_new(folder, besides=("records.npy",))
+            for path in _check_new(folder, _tiles(scene)):
+                path.unlink(missing_ok=True)
         with interrupts() as stop:
             return _write_run(folder, simulation, mark, earlier, resume, progress, stop)
 
 
-def _check_new(folder: Path, besides: tuple[str, ...] = ()) -> None:
-    """A folder that a new run may have, with nothing in it besides these files."""
+def _check_new(folder: Path, n: int) -> list[Path]:
+    """A folder that a new run may have: none yet, an empty one, or one with what is left of a run
+    of `n` tiles that was killed before its first checkpoint; returns that, but for records.npy."""
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, not a folder", file=str(folder))
     if (folder / "run.json").exists():
         raise InputError("holds a run already: resume it (--resume) or name another (--out)",
                          file=str(folder))
-    if folder.exists() and any(path.name not in besides for path in folder.iterdir()):
+    there = list(folder.iterdir()) if folder.exists() else []
+    records = folder / "records.npy"  # the first that a run makes
+    begun = records in there and records.stat().st_size <= _frame(n).itemsize + 4096
+    names = ("layout.npz", "checkpoint.npz", "scene.toml", "drive.py", "run.json")
+    left = [path for path in there if path != records]
+    for path in left:
+        scratch = re.fullmatch(r"\.(.+)\.\d+", path.name)  # of `write_atomically`
+        if not begun or (scratch[1] if scratch else path.name) not in names:
+            raise InputError("must be a new or an empty folder", file=str(folder))
+    if records in there and not begun:
         raise InputError("must be a new or an empty folder", file=str(folder))
+    return left
 
 
 def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,

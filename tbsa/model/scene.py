@@ -502,17 +502,59 @@ def _check_magnet_and_tile(scene: Scene) -> None:
         if magnet.beta == 0 and magnet.inset == 0:
             _fail(scene, "magnet.beta", magnet.beta,
                   "must be above 0 m unless magnet.inset is: the force at contact is infinite")
+        _check_bonds(scene, magnet)
     if reactor is not None and not inside(
             reactor, width, np.zeros(1), np.zeros(1), np.zeros(1)).all():
         key = "radius" if reactor.shape == "circle" else (
             "width" if reactor.width < width else "height")
         least = width / math.sqrt(2) if key == "radius" else width
-        _fail(scene, f"reactor.{key}", getattr(reactor, key),
-              f"must be at least {least:g} m, to hold one tile {width:g} m wide")
+        value, shown = getattr(reactor, key), f"{least:g}"
+        if f"{value:g}" == shown:
+            shown = repr(least)
+        _fail(scene, f"reactor.{key}", value,
+              f"must be at least {shown} m, to hold one tile {width:g} m wide")
+
+
+# Bonded magnets that are all but in one place pull in a direction made of the solver's overlap.
+# Blocks at rest without a drive came apart at STIFF of 70 and above where the inset was below
+# this share of the width, and never where it was larger.
+FLAT, STIFF = 0.01, 10.0
+
+
+def _check_bonds(scene: Scene, magnet: Magnet) -> None:
+    """Bonded magnets are far enough apart for their pull to have a direction.
+
+    A pair that slides by d is pulled back by F d / r at a distance r of its magnets: the square
+    of what its vibration turns by between two looks at the forces must not be large.
+    """
+    width, mass, p = scene.material.width, scene.material.mass, between_forces(scene)
+    if magnet.inset >= FLAT * width:
+        return
+    r, arm = 2.0 * magnet.inset, 0.5 * width - magnet.inset
+    pull = magnet.alpha / (r + magnet.beta) ** 2
+    if not pull * p * p * 2.0 * (1.0 / mass + 6.0 * arm * arm / (mass * width**2)) <= STIFF * r:
+        _fail(scene, "magnet.inset", magnet.inset,
+              f"must be at least {FLAT * width:g} m, {FLAT:.0%} of the width, with magnets and a "
+              f"solver.step like these: bonded magnets are 2 inset apart and pull with {pull:.3g} "
+              f"N, which changes its direction faster than every {p:.3g} s")
+
+
+SAMPLES = 8  # of a drive, at least, in a period
+SHORTEST = 1e-9  # s, step
+
+
+def between_forces(scene: Scene) -> float:
+    """Time between the instants at which forces are found (s): twice a step, or once if the
+    number of substeps is odd."""
+    return scene.solver.step / (2 if scene.solver.substeps % 2 == 0 else 1)
 
 
 def _check_times(scene: Scene) -> None:
-    """Records fall on whole steps, checkpoints on records."""
+    """Records fall on whole steps, checkpoints on records; steps resolve the drive."""
+    step, drive = scene.solver.step, scene.drive
+    if step < SHORTEST:
+        _fail(scene, "solver.step", step, f"must be at least {SHORTEST:g} s: shorter steps would "
+              "be lost in the rounding of the time")
     for name, value, unit, part in (
             ("record.interval", scene.record.interval, "solver.step", scene.solver.step),
             ("record.checkpoint", scene.record.checkpoint, "record.interval",
@@ -520,6 +562,13 @@ def _check_times(scene: Scene) -> None:
         number = round(value / part)
         if number < 1 or abs(number * part - value) > 1e-9 * value:
             _fail(scene, name, value, f"must be a whole multiple of {unit} = {part!r} s")
+    if drive is not None and drive.kind in ("unicycle", "shaking"):
+        most = 1.0 / (SAMPLES * between_forces(scene))
+        if drive.frequency > most * (1.0 + 1e-9):
+            _fail(scene, "drive.frequency", drive.frequency,
+                  f"must be at most {most:g} Hz, as the drive is looked at every "
+                  f"{between_forces(scene):.3g} s and {SAMPLES} times a period at least; "
+                  "use a shorter solver.step")
 
 
 def _check_places(scene: Scene) -> None:
@@ -632,8 +681,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 def _tables(text: str, file: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # a number of thousands of digits, too
         raise InputError(f"must be valid TOML: {error}", file=file or None) from None
+    except RecursionError:
+        raise InputError("must be valid TOML: it is nested too deeply", file=file or None) from None
 
 
 def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
@@ -836,8 +887,14 @@ class _Reader:
             if message := _one_of(*SETS)(table["set"]):
                 self.fail("tiles.set", table["set"], message)
             return SETS[table["set"]]
-        return tuple(self.part(f"tiles.type[{i}]", item, TileType)
-                     for i, item in enumerate(self.tables_of("tiles.type", table["type"])))
+        types = tuple(self.part(f"tiles.type[{i}]", item, TileType)
+                      for i, item in enumerate(self.tables_of("tiles.type", table["type"])))
+        if not types:
+            self.fail("tiles.type", [], "must hold at least one tile type")
+        for i, each in enumerate(types):  # by which seed and free tiles are counted
+            if message := RULES[TileType]["name"](each.name):
+                self.fail(f"tiles.type[{i}].name", each.name, message)
+        return types
 
     def seed(self, table: Mapping[str, Any], types: tuple[TileType, ...]) -> Seed:
         self.keys("seed", table, self.tables["seed"])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
+import contextlib
+import inspect
 import math
+import re
 import sys
-from collections.abc import Callable
+import types
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -135,9 +138,9 @@ class Simulation:
         )
         law = {"separate": SEPARATE, "coupled": COUPLED, "exact": EXACT}
         limits = [float(limit) for limit in floor_limits(scene)]
-        # A floor without friction is as good as none.
-        self.floor = FloorLaw(law[scene.floor.law] if scene.floor and any(limits) else NONE,
-                              *limits)
+        # A floor without friction is as good as none; so is one whose squares would be 0.
+        rough = scene.floor is not None and max(limits) > 1e-100
+        self.floor = FloorLaw(law[scene.floor.law] if scene.floor and rough else NONE, *limits)
         if magnet is None or not self.tiles.glues.any():
             self.magnets = MagnetLaw(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
         else:
@@ -203,15 +206,20 @@ class Simulation:
         Raises
         ------
         SimulationError
-            Where a position or velocity is no longer a finite number, or a tile would go
-            further than half its width in a substep.
+            Where a position or velocity is no longer a finite number, a tile would go
+            further than half its width in a substep, or the user's drive raises.
         """
         left = steps
         while left > 0:
-            error, done = core.advance(
-                self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
-                self.parameters, self._work, self.counts, self.steps, left, self._reach,
-            )
+            with _raised() as raised:
+                error, done = core.advance(
+                    self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
+                    self.parameters, self._work, self.counts, self.steps, left, self._reach,
+                )
+            if raised:
+                raise SimulationError(
+                    f"the drive raised {type(raised[0]).__name__} ({raised[0]}) between "
+                    f"t = {self.time} s and {self.time + left * self.h} s")
             self.steps += done
             left -= done
             if error in (core.MORE_PAIRS, core.MORE_ROWS):
@@ -297,37 +305,66 @@ def _engine(scene: Scene) -> tuple[Any, Floats]:
     if drive.kind == "user":
         function = _user_function(scene)
         try:
-            return drives.engine(function), np.array([*drive.parameters, 0.0])
+            return drives.engine(function), _guarded(drive.parameters)
         except Exception as error:
-            reason = str(error).strip().splitlines()[0]
             raise InputError(
-                f"cannot be compiled as a drive (see tbsa.kernels.drives): {reason}",
+                f"cannot be compiled as a drive (see tbsa.kernels.drives): {_reason(error)}",
                 file=scene.file, field="drive.function", value=drive.function,
             ) from error
     if drive.kind == "constant":
         assert isinstance(drive.force, tuple)
-        return drives.engine(drives.constant), np.array([*drive.force, drive.torque])
+        return drives.engine(drives.constant), np.array([*drive.force, drive.torque], float)
     function = {"unicycle": drives.unicycle, "shaking": drives.shaking}[drive.kind]
-    assert isinstance(drive.force, float)
-    return drives.engine(function), np.array([drive.force, drive.torque, drive.frequency])
+    return drives.engine(function), np.array([drive.force, drive.torque, drive.frequency], float)
+
+
+def _guarded(parameters: tuple[float, ...]) -> Floats:
+    """An array of these, beyond whose end is what no force may be made of."""
+    return np.array([*parameters, *[math.nan] * 8], float)[: len(parameters)]
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong, of a message of many lines whose first may say in which pass it was."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    telling = [line for line in lines if not line.startswith("Failed in nopython mode")]
+    return (telling or lines or [type(error).__name__])[0]
 
 
 def _user_function(scene: Scene) -> Callable[..., None]:
+    """The function of a user's drive, from the bytes that the fingerprint is made of: Python's
+    import might take compiled ones of an earlier version."""
     drive = scene.drive
     assert drive is not None
     path = engine_path(scene)
-    name = f"tbsa_drive_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
+    module = types.ModuleType(f"tbsa_drive_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
     try:
-        spec.loader.exec_module(module)
+        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
         function: Callable[..., None] = getattr(module, drive.function)
-    except Exception as error:
-        raise InputError(
-            f"cannot be used as a drive: {error}", file=scene.file, field="drive.module",
-            value=drive.module,
-        ) from error
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(f"cannot be used as a drive: {reason}", file=scene.file,
+                         field="drive.module", value=drive.module) from error
+    if inspect.isgeneratorfunction(function):
+        raise InputError("must be a function that returns, not one that yields", file=scene.file,
+                         field="drive.function", value=drive.function)
     return function
+
+
+@contextlib.contextmanager
+def _raised() -> Iterator[list[BaseException]]:
+    """What a compiled drive raises meanwhile: it cannot be passed on through the kernels, and
+    would only be printed."""
+    found: list[BaseException] = []
+    before = sys.unraisablehook
+
+    def note(what: Any) -> None:
+        found.append(what.exc_value or what.exc_type())
+
+    sys.unraisablehook = note
+    try:
+        yield found
+    finally:
+        sys.unraisablehook = before

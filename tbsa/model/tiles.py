@@ -15,6 +15,7 @@ from math import ceil, sqrt
 
 import numpy as np
 
+from tbsa.errors import InputError
 from tbsa.model.scene import EDGES, SETS, Scene, TileType
 from tbsa.model.squares import inside, lattice
 
@@ -23,6 +24,7 @@ __all__ = [
     "attracts", "check", "ground_truth", "grow", "mirrored", "rotated", "strength", "symmetry",
 ]
 
+MOST_SITES = 10_000_000  # that a ground truth may have to grow on without a reactor
 Site = tuple[int, int]  # column, row
 Glues = tuple[int, int, int, int]
 
@@ -201,6 +203,12 @@ def ground_truth(scene: Scene) -> Growth:
     columns, rows = [c[0] for c in seed.cells], [c[1] for c in seed.cells]
     left, right = min(columns) - margin, max(columns) + margin
     low, high = min(rows) - margin, max(rows) + margin
+
+    if scene.reactor is None and (right - left + 1) * (high - low + 1) > MOST_SITES:
+        raise InputError(
+            f"must lie closer together, or in a [reactor]: their box has "
+            f"{(right - left + 1) * (high - low + 1):.3g} sites to grow on, more than "
+            f"{MOST_SITES:.0e}", file=scene.file or None, field="seed.cells")
 
     def allowed(site: Site) -> bool:
         if scene.reactor is None:
