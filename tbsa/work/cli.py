@@ -9,8 +9,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import re
 import shlex
+import stat
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -370,9 +372,12 @@ def _fit(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
     if folder.exists() and not folder.is_dir():
         raise InputError("must be a folder", field="--out", value=str(folder))
-    files, refusal = {}, ""
-    if arguments.scene is not None:
-        files[arguments.scene] = fit.into(arguments.scene, result)
+    files, refusal, scene = {}, "", arguments.scene
+    made = fit.into(scene, result) if scene is not None else b""
+    mode = scene.stat().st_mode if scene is not None else 0o600
+    if scene is not None and not (mode & 0o222 and os.access(scene, os.W_OK)
+                                  and os.access(scene.resolve().parent, os.W_OK)):
+        raise InputError("must be a file that may be written", file=str(scene), field="--scene")
     if arguments.model == "law":
         try:
             files[folder / "magnet.toml"] = fit.section(result).encode()
@@ -380,13 +385,20 @@ def _fit(arguments: argparse.Namespace) -> int:
             refusal = f"warning: a scene does not take this law: {error}"
     text = fit.describe(result)
     files[folder / "fit.png"] = fit.picture(result)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"must be a folder that can be made: {error.strerror}", field="--out",
+                         value=str(folder)) from None
     for path, data in files.items():
         write_atomically(path, data)
     if folder / "magnet.toml" not in files:
         (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
+    if scene is not None:  # last: it is not the fit's own, and stays as it was if those fail
+        write_atomically(scene.resolve(), made)
+        scene.chmod(stat.S_IMODE(mode))
     print(text, *([refusal] if refusal else []), "", sep="\n")
-    print(f"written: {', '.join(map(str, files))}")
+    print(f"written: {', '.join(map(str, [*files, *([scene] if scene is not None else [])]))}")
     return 0
 
 
