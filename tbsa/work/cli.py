@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import re
@@ -32,8 +33,11 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
+        sys.stdout.reconfigure(errors="backslashreplace")
     arguments = _parser().parse_args(argv)
     try:
+        _check_out(arguments)
         code: int = arguments.command(arguments)
         return code
     except InputError as error:
@@ -46,6 +50,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (OSError, RuntimeError) as error:
         print(f"tbsa: {error}", file=sys.stderr)
         return 1
+
+
+def _check_out(arguments: argparse.Namespace) -> None:
+    """What --out names can be looked up: it is not too long, for one."""
+    out: Path | None = getattr(arguments, "out", None)
+    # A file is written beside its place first, under a name that is a little longer.
+    more = 20 * "_" if arguments.command in (_metrics, _draw) else ""
+    try:
+        if out is not None:
+            (out.parent / f"{out.name}{more}").exists()
+    except OSError as error:
+        raise InputError(f"must be a path that can be written: {error.strerror}", field="--out",
+                         value=str(out)) from None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -326,11 +343,13 @@ def _metrics(arguments: argparse.Namespace) -> int:
     from tbsa.work.metrics import table
 
     records = read_run(arguments.run)
-    frame = table(records.scene, records.layout, records.time, records.x, records.y,
-                  records.angle)
     out = arguments.out or arguments.run / "metrics.csv"
     if not out.parent.is_dir():
         raise InputError("is not a folder", file=str(out.parent))
+    if out.is_dir():
+        raise InputError("must be a file, and is a folder", field="--out", value=str(out))
+    frame = table(records.scene, records.layout, records.time, records.x, records.y,
+                  records.angle)
     write_atomically(out, frame.to_csv(index=False).encode())
     print(frame.to_string(index=False))
     print(f"written to {out}")
