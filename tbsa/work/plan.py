@@ -12,7 +12,8 @@
 
 ``scene``, ``seeds`` and ``set`` at the top hold for every group that does not have its own; of
 ``set`` the group's fields come on top.  A group's runs are its scenes, times the entries of its
-list, times its grid, times its seeds.
+list, times its grid, times its seeds.  A field is set once, and not beside a part of it; a part of
+the scene (``drive``) is set field by field.
 """
 
 from __future__ import annotations
