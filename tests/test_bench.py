@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scenes import SLIDING, WIDTH, scene, tile
 
 from tbsa.errors import InputError
-from tbsa.model.scene import Drive, Floor, Material, Reactor, Solver, dumps, parse
+from tbsa.model.scene import Drive, Floor, Material, Reactor, Record, Solver, dumps, parse
 from tbsa.model.simulation import Simulation
 from tbsa.work.bench import Trial, bench, describe, recommend
 from tbsa.work.bench import _layout as start_of
@@ -59,6 +60,16 @@ def test_the_cheapest_that_is_exact_enough_is_recommended():
     assert recommend(trials, 5e-3) is trials[3]
     assert recommend(trials, 1e-6) is None
     assert "the least is 1e-05" in describe(trials, 1e-6)
+
+
+def test_only_steps_that_the_scene_takes_are_tried():
+    scene = replace(driven(), record=Record(3 / 480, 3 / 480))
+    steps = {trial.solver.step for trial in bench(scene, after=0.0, horizon=0.01)}
+    assert sorted(480 * step for step in steps) == pytest.approx([0.25, 0.5, 1.0])
+
+
+def test_where_no_trial_can_be_followed_it_says_so():
+    assert "cannot be followed" in describe([], 1e-2)
 
 
 def test_the_recommended_solver_can_be_pasted_into_a_scene(trials):

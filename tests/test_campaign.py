@@ -30,6 +30,7 @@ from tbsa.model.scene import Run, fingerprint, load
 from tbsa.work import campaign as module
 from tbsa.work.campaign import campaign, share
 from tbsa.work.cli import main
+from tbsa.work.metrics import COLUMNS
 from tbsa.work.plan import read_plan, seeds_of
 
 ROOT = Path(__file__).parents[1]
@@ -226,6 +227,48 @@ def test_a_malformed_campaign_is_refused(here, capsys, text, name, fragment):
     assert sorted(here.rglob("*")) == before
 
 
+GROUP = 'scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n'
+TILE = '"free.tile" = [[{type = "white", position = [0.0, 0.05]}]]'
+
+
+@pytest.mark.parametrize(("top", "group", "words"), [
+    ("", 'set = {"free.tile[0].angle" = 0.5}\nlist = {' + TILE + "}",
+     "group[0].list.free.tile: [[{'type': 'white', 'position': [0.0, 0.05]}]] must be set once "
+     "(also group[0].set.free.tile[0].angle)"),
+    ('set = {"free.tile[0].angle" = 0.5}\n', "list = {" + TILE + "}",
+     "must be set once (also set.free.tile[0].angle)"),
+    ("", 'set = {"tiles.type[0].family" = 0, "tiles.type[00].family" = 1}', "must be set once"),
+    ("", 'set = {"free.counts.black" = 1}\ngrid = {"free.counts" = [{white = 2}]}',
+     "must be set once (also group[0].set.free.counts.black)"),
+    ('set = {"drive.force" = 0.2}\n', 'list = {drive = [{kind = "shaking", force = 0.1}]}',
+     "group[0].list.drive: [{'kind': 'shaking', 'force': 0.1}] is a whole part of the scene: "
+     "name its fields one by one, such as drive.force"),
+    ("", "grid = {run = [{duration = 2.0}]}", "is a whole part of the scene"),
+    ("", 'grid = {seed = [{shape = "cross", arm = 1}]}', "is a whole part of the scene"),
+    ("", 'grid = {tiles = [{set = "chessboard"}]}', "is a whole part of the scene"),
+    ("", 'scene = "' + 300 * "x" + '"', "there is none" if os.name == "nt" else "too long"),
+    ("", "set = {x = " + "1" * 5000 + "}", "campaign.toml: must be "),
+    ("", "set = {x = " + "[" * 3000 + "]" * 3000 + "}", "campaign.toml: "),
+    ("", 'set = {"seed.cells" = ' + "[" * 400 + "]" * 400 + "}", "campaign.toml: "),
+])
+def test_a_campaign_that_sets_what_cannot_be_is_refused(here, capsys, top, group, words):
+    Path("campaign.toml").write_text(top + GROUP + group + "\n")
+    before = contents(here)
+    assert main(["campaign", "campaign.toml", "--out", "out"]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+    assert contents(here) == before
+
+
+@pytest.mark.parametrize("fields", [
+    '"tiles.set" = "chessboard-oriented", "tiles.type[0].family" = 0',
+    '"tiles.type[0].family" = 0, "tiles.set" = "chessboard-oriented"'])
+def test_a_set_of_tiles_and_one_of_its_types_may_be_set_in_either_order(here, fields):
+    (each,) = planned(f"{GROUP}set = {{{fields}}}\n")
+    assert (each.scene.types[0].family, each.scene.types[0].glues[0]) == (0, 2)
+
+
 def test_there_are_many_malformed_campaigns():
     assert len(CAMPAIGNS) >= 25
 
@@ -238,6 +281,7 @@ def test_there_are_many_malformed_campaigns():
     (["--out", "campaign.toml"], "is a file, not a folder"),
     (["--out", "."], "must be a new or an empty folder, or that of a campaign"),
     (["--out", "campaign.toml/x"], "must be a folder that can be made"),
+    (["--out", 300 * "x"], "too long"), (["--out", "out/" + 300 * "x"], "too long"),
 ])
 def test_arguments_that_cannot_be_are_refused(here, capsys, arguments, words):
     before = contents(here)
@@ -391,6 +435,30 @@ def test_of_runs_broken_off_the_one_with_most_left_is_handed_out_first(here, who
     assert order[:2] == [2, 7]  # 3 s of 4, 1 s of 8, and three runs that lack their metrics only
 
 
+def test_a_duration_between_two_steps_is_rounded_as_the_run_rounds_it(here):
+    Path("campaign.toml").write_text('scene = "scene.toml"\nset = {"run.duration" = 1.0009}\n'
+                                     '[[group]]\nname = "a"\nseeds = [1]\n')
+    result = done("campaign.toml", "out")
+    assert (result.done, result.left) == (1, 0)
+    assert result.table["time"].tolist() == pytest.approx([1.0])
+    again = done("campaign.toml", "out", resume=True)
+    assert (again.done, tables("out")) == (1, tables("out"))
+    elsewhere = done("campaign.toml", "rest", without="out/table.csv")
+    assert set(elsewhere.table["status"]) == {"elsewhere"}
+
+
+def test_a_run_is_done_when_its_folder_says_so_not_its_worker(here):
+    class Lying(Executor):
+        def submit(self, function, job):
+            future = Future()
+            future.set_result(("done", ""))
+            return future
+
+    result = campaign("campaign.toml", "out", executor=Lying())
+    assert (result.done, result.failed, result.left) == (0, 0, 5)
+    assert set(result.table["status"]) == {"waiting"}
+
+
 def test_the_bar_shows_all_runs_and_the_time_left(here, whole, capsys, monkeypatch):
     shutil.copytree(whole, "out")
     shutil.rmtree("out/runs/other")
@@ -500,6 +568,51 @@ def test_a_damaged_run_is_told_of_not_done_anew(here, whole):
     assert "checkpoint.npz" not in result.table["message"].iloc[-1]  # no names of folders
     assert "is damaged" in result.table["message"].iloc[-1]
     assert (victim / "checkpoint.npz").read_bytes() == b"PK?"
+
+
+@pytest.mark.parametrize("data", [
+    b"", b"\xff\xfe\x00", b"run;status\na;done\n", b"a,b\n1\n1,2,3\n", b"{" * 9])
+def test_a_table_that_cannot_be_read_is_made_anew(here, whole, data):
+    shutil.copytree(whole, "out")
+    Path("out/table.csv").write_bytes(data)
+    done("campaign.toml", "out", resume=True)
+    assert tables("out") == tables(whole)
+
+
+@pytest.mark.parametrize("damage", [
+    lambda text: "", lambda text: text.splitlines()[0] + "\n", lambda text: "words\n",
+    lambda text: text.replace("bonds,", "bands,"), lambda text: text.replace(",True,", ",yes,"),
+    lambda text: text[:-20], lambda text: text.replace(",", ";"), lambda text: "\0",
+    lambda text: text.replace(",5,", "," + "1" * 5000 + ",")])
+def test_metrics_that_are_damaged_are_made_anew(here, whole, damage):
+    shutil.copytree(whole, "out")
+    (victim,) = Path("out/runs/other").glob("*/metrics.csv")
+    victim.write_text(damage(victim.read_text()))
+    before = victim.with_name("records.npy").read_bytes()
+    assert done("campaign.toml", "out", resume=True).done == 5
+    assert tables("out") == tables(whole)
+    assert victim.with_name("records.npy").read_bytes() == before
+
+
+@pytest.mark.parametrize("changes", [
+    {"version": None}, {"version": 1}, {"time": "0.5"}, {"time": None}, {"time": 10**400},
+    {"wall": "long"}, {"counts": None}, {"counts": {}}])
+def test_a_damaged_run_json_is_made_anew_or_told_of(here, whole, changes):
+    shutil.copytree(whole, "out")
+    (victim,) = Path("out/runs/other").glob("*/run.json")
+    info = json.loads(victim.read_text()) | changes
+    victim.write_text(json.dumps({name: value for name, value in info.items()
+                                  if value is not None}))
+    result = done("campaign.toml", "out", resume=True)
+    if "wall" in changes:
+        assert result.table["message"].iloc[-1].startswith("wall: 'long' is damaged")
+    else:
+        assert tables("out") == tables(whole)
+
+
+def test_the_columns_of_metrics_are_those_of_the_table(whole):
+    for path in whole.glob("runs/*/*/metrics.csv"):
+        assert tuple(path.read_text().splitlines()[0].split(",")) == COLUMNS
 
 
 # ---------------------------------------------------------------------------------------------
@@ -814,6 +927,7 @@ def test_a_file_that_does_not_fit_what_is_there_is_refused(here, whole, capsys, 
 
 @pytest.mark.parametrize(("text", "words"), [
     ("{", "is damaged"), ("[]", "is damaged"), ('{"format": 9}', "must be 1"),
+    ("[" * 100_000, "is damaged"),
     ('{"format": 1, "runs": [{}]}', "is damaged"), ('{"format": 1}', "is damaged")])
 def test_a_damaged_plan_is_refused(here, whole, capsys, text, words):
     shutil.copytree(whole, "out")
@@ -887,6 +1001,18 @@ def test_runs_of_another_version_do_not_count_as_done(here, whole, monkeypatch):
     monkeypatch.setattr(tbsa, "__version__", "9.9")
     with pytest.raises(InputError, match=r"version: '.*' must be 9\.9, this version"):
         done("campaign.toml", "out", without=whole / "table.csv")
+
+
+def test_runs_of_another_version_are_not_gone_on_with(here, whole, capsys, monkeypatch):
+    shutil.copytree(whole, "out")
+    before = contents("out")
+    monkeypatch.setattr(tbsa, "__version__", "9.9")
+    Path("campaign.toml").write_text(CAMPAIGN + '[[group]]\nname = "third"\nseeds = [3]\n')
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
+    err = capsys.readouterr().err
+    assert re.match(r"tbsa: out/runs/map/1-\w+/run\.json: version: '.*' must be 9\.9, this", err)
+    assert err.count("\n") == 1
+    assert contents("out") == before
 
 
 def test_the_tables_are_there_before_the_end(here, whole, monkeypatch):

@@ -21,6 +21,7 @@ import tbsa
 from tbsa.model import records
 from tbsa.work import cli
 from tbsa.work.cli import main
+from tbsa.work.plan import changed
 
 ROOT = Path(__file__).parents[1]
 SCENE = """
@@ -247,6 +248,24 @@ def test_check_tells_what_a_scene_contains(here, capsys):
     assert "substep 0.0005208 s (4 in 0.002083 s)" in out
     assert "0.2037 N between the two magnets of a bond" in out
     assert list(here.iterdir()) == [here / "scene.toml"]
+
+
+def test_check_warns_of_a_colour_that_cannot_be_drawn(here, capsys):
+    scene = SCENE.replace('set = "chessboard"', 'type = [{name = "a", glues = [1, -1, 1, -1], '
+                          'colour = "blakc"}, {name = "b", glues = [-1, 1, -1, 1], '
+                          'colour = "white"}]')
+    out = checked(capsys, scene)
+    assert "warning: tiles.type[0].colour: 'blakc' is not a colour that can be drawn" in out
+    assert "warning" not in checked(capsys, scene.replace("blakc", "black"))
+
+
+def test_a_title_that_the_terminal_cannot_show_is_printed_all_the_same(here):
+    (here / "scene.toml").write_text(SCENE.replace("A small reactor", "Größe"), encoding="utf-8")
+    found = subprocess.run([sys.executable, "-m", "tbsa.work.cli", "check", here / "scene.toml"],
+                           cwd=ROOT, env=os.environ | {"PYTHONIOENCODING": "ascii"}, text=True,
+                           capture_output=True, check=False)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert found.stdout.startswith("Gr\\xf6\\xdfe\n")
 
 
 def test_check_tells_what_the_drive_cannot_do(here, capsys):
@@ -525,6 +544,14 @@ def test_a_scene_edited_in_the_runs_folder_is_refused(run, here, capsys):
     (["draw", "run", "--out", "now"], "must end in .png, .svg, .pdf"),
     (["draw", "run", "--out", "no/where.png"], "must be in a folder that exists"),
     (["metrics", "run", "--out", "no/where.csv"], "no: is not a folder"),
+    (["metrics", "run", "--out", "."], "--out: '.' must be a file, and is a folder"),
+    (["metrics", "run", "--out", "/"], "--out: '/' must be a file, and is a folder"),
+    (["metrics", "run", "--out", "run"], "--out: 'run' must be a file, and is a folder"),
+    (["metrics", "run", "--out", 300 * "x"], "must be a path that can be written: File name too"),
+    (["metrics", "run", "--out", 250 * "x"], "must be a path that can be written: File name too"),
+    (["draw", "run", "--out", 300 * "x" + ".png"], "must be a path that can be written: File na"),
+    (["draw", "run", "--out", 300 * "x" + "/a.png"], "must be a path that can be written: File "),
+    (["run", "scene.toml", "--out", 300 * "x"], "must be a path that can be written: File name"),
     (["metrics", "."], "is not the folder of a run: it has no run.json"),
     (["metrics", "nowhere"], "nowhere: is not the folder of a run"),
     (["metrics", "scene.toml"], "scene.toml: is not the folder of a run"),
@@ -665,6 +692,21 @@ def test_run_sets_fields_of_the_scene(tmp_path, monkeypatch, capsys):
     assert (scene.floor.law, scene.types[1].family, scene.solver.substeps) == ("coupled", 0, 5)
 
 
+@pytest.mark.parametrize(("text", "words"), [
+    ('tiles = "chessboard"\n', "--set tiles.type[0].family: 0 cannot be set"),
+    ("x = " + 5000 * "1", "scene.toml: must be "), ("x = " + 3000 * "[", "scene.toml: must be ")])
+def test_a_scene_that_is_none_cannot_be_set(text, words, here, capsys):
+    Path("scene.toml").write_text(text)
+    assert words in refused(capsys, here, "run", "scene.toml", "--set", "tiles.type[0].family=0")
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_fields_are_set_in_whatever_order_they_are_named(order, here):
+    settings = ["tiles.type[0].family=0", "tiles.set=chessboard-oriented"][::order]
+    scene = changed("scene.toml", settings)
+    assert (scene.types[0].family, scene.types[0].glues[0]) == (0, 2)
+
+
 @pytest.mark.parametrize(("setting", "words"), [
     ("drive.force", "--set: 'drive.force' must be NAME=VALUE"),
     ("=1", "--set: '=1' must be NAME=VALUE"),
@@ -672,6 +714,11 @@ def test_run_sets_fields_of_the_scene(tmp_path, monkeypatch, capsys):
     ("drive.forc=1", 'did you mean "force"?'),
     ("tiles.type[7].family=1", "--set tiles.type[7].family: 1 cannot be set"),
     ("solver.step=nan", "solver.step: nan must be a number above 0"),
+    ("drive.force.x.y=1", "--set drive.force.x.y: 1 cannot be set"),
+    ("tiles.set.x.y=1", "--set tiles.set.x.y: 1 cannot be set"),
+    ("drive.force=" + 5000 * "1", "drive.force: '1111"),
+    ("drive.force=" + 3000 * "[", "drive.force: '[[["),
+    ("drive.parameters=" + 3000 * "[" + 3000 * "]", "drive.parameters: '[[["),
 ])
 def test_a_setting_that_cannot_be_is_refused(setting, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

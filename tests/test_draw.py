@@ -248,6 +248,12 @@ def test_a_folder_that_does_not_exist_is_refused(tmp_path):
         draw(*record(scene_of()), path=tmp_path / "no" / "a.png")
 
 
+def test_a_folder_of_that_name_is_refused(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(InputError, match="must be a file, and is a folder"):
+        draw(*record(scene_of()), path=tmp_path / "a.png")
+
+
 @pytest.mark.parametrize("colour", ["blackish", "none", "", "#12345"])
 def test_an_unknown_colour_is_refused_by_the_name_of_its_type(colour):
     types = (CHESS[0], replace(CHESS[1], colour=colour))

@@ -490,6 +490,66 @@ def test_a_write_that_breaks_off_leaves_the_scene_as_it_was(here, monkeypatch, c
             and path.name not in ("scene.toml", "good.csv")] == []
 
 
+def test_a_scene_is_written_last(here, capsys):
+    text = '[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n'
+    (here / "scene.toml").write_text(text)
+    err = refused(capsys, here, "good.csv", "--inset", "1mm", "--scene", "scene.toml",
+                  "--out", "good.csv/x")
+    assert "--out: 'good.csv/x' must be a folder that can be made" in err
+    (here / "fits" / "fit.png").mkdir(parents=True)  # a folder where a file is to be
+    assert run("good.csv", "--inset", "1mm", "--scene", "scene.toml", "--out", "fits") == 1
+    assert (here / "scene.toml").read_text() == text
+
+
+def test_a_scene_that_may_not_be_written_is_refused(here, capsys):
+    (here / "scene.toml").write_text('[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n')
+    (here / "scene.toml").chmod(0o444)
+    assert "scene.toml: --scene: must be a file that may be written" in refused(
+        capsys, here, "good.csv", "--inset", "1mm", "--scene", "scene.toml")
+
+
+def test_a_scene_keeps_its_mode_its_link_and_its_byte_order_mark(here):
+    (here / "own").mkdir()
+    scene = here / "own" / "scene.toml"
+    scene.write_bytes(b'\xef\xbb\xbf[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n')
+    scene.chmod(0o640)
+    (here / "scene.toml").symlink_to("own/scene.toml")
+    assert run("good.csv", "--inset", "1mm", "--scene", "scene.toml") == 0
+    assert (here / "scene.toml").is_symlink()
+    assert scene.stat().st_mode & 0o777 == 0o640
+    assert scene.read_bytes().startswith(b"\xef\xbb\xbf[tiles]\n")
+    assert tbsa.load(scene).magnet.inset == 1e-3
+
+
+@pytest.mark.parametrize("text", [
+    'title = """\n[magnet]\nalpha = 1"""\n# \'\'\' [magnet]\n[tiles]\nset = "chessboard"\n',
+    "title = '''a\n[magnet]\n'''\n[tiles]\nset = 'chessboard'\n[magnet]\nalpha = 1e-4",
+    'title = "\\"#"\r\n[tiles]\r\nset = "chessboard"\n[magnet]\nbeta = 0.001\r\nmismatch = 0\n',
+    '[tiles]\nset = "chessboard"\n[magnet]'])
+def test_lines_that_are_not_of_the_section_stay_as_they_are(here, text):
+    text = '[seed]\nshape = "L"\narm = 2\n' + text if text[0] == "[" else text.replace(
+        "[tiles]", "seed = {shape = 'L', arm = 2}\n[tiles]")
+    (here / "scene.toml").write_bytes(text.encode())
+    before = tbsa.load("scene.toml")
+    assert run("good.csv", "--inset", "1mm", "--scene", "scene.toml") == 0
+    after = tbsa.load("scene.toml")
+    assert after.magnet.inset == 1e-3
+    assert replace(after, magnet=before.magnet) == before
+    made = iter((here / "scene.toml").read_bytes().decode().split("\n"))
+    old = [line for line in text.split("\n") if line and "alpha = 1e" not in line
+           and "beta" not in line]
+    assert all(line in made for line in old)  # in this order, others between
+
+
+@pytest.mark.parametrize(("mm", "cm"), [("7mm:", "0.7cm:"), (":7mm", ":0.7cm")])
+def test_a_range_is_the_same_in_every_unit(here, capsys, mm, cm):
+    write(here / "cm.csv", [0.5, 0.6, 0.7, 0.8, 0.9], [5.0, 4.0, 3.2, 2.7, 2.2],
+          head=("gap (cm)", "force (N)"))
+    for within in (mm, cm):
+        assert run("cm.csv", "--inset", "1mm", "--range", within) == 0
+        assert "3 of 5 points" in capsys.readouterr().out
+
+
 def test_the_ligo_data_on_the_command_line(here, capsys):
     assert run(LIGO, "--inset", "0mm", "--range", "0.5cm:", "--unweighted") == 0
     out = capsys.readouterr().out

@@ -82,6 +82,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     """
     h = scene.solver.step
     steps = [share * h for share in SHARES if share <= 1.0 or share * h <= LONGEST]
+    steps = [step for step in steps if _takes(scene, replace(scene.solver, step=step))]
     if not max(steps) <= horizon <= 1e6:
         raise InputError(f"must be a number from {max(steps):g} to 1e+06 s", field="horizon",
                          value=horizon)
@@ -95,7 +96,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
                         tolerance=min(factor * scene.solver.tolerance, 1.0),
                         passes=min(more * scene.solver.passes, 100_000))
                 for step in steps for factor, more in EFFORTS]
-    settings = list(dict.fromkeys(settings))
+    settings = [each for each in dict.fromkeys(settings) if _takes(scene, each)]
     finest = replace(scene.solver, step=min(steps) / FINEST,
                      tolerance=0.01 * scene.solver.tolerance,
                      passes=min(100 * scene.solver.passes, 100_000))
@@ -133,6 +134,8 @@ def describe(trials: Sequence[Trial], wanted: float) -> str:
              "<" if trial is chosen else "") for trial in trials]
     table = aligned(("1/step", "substeps", "tolerance", "passes", "deviation w", "overlap w",
                      "s for 1 s", ""), rows)
+    if not trials:
+        return "the scene cannot be followed with any of these settings but the finest"
     if chosen is None:
         least = min(trial.error for trial in trials)
         return "\n".join([*table, f"no setting has an error of {wanted:g} of a width; the least "
@@ -142,6 +145,15 @@ def describe(trials: Sequence[Trial], wanted: float) -> str:
         *table, f"the cheapest with an error of at most {wanted:g} of a width:", "", "[solver]",
         f"step = {solver.step!r}", f"substeps = {solver.substeps}",
         f"tolerance = {solver.tolerance!r}", f"passes = {solver.passes}"])
+
+
+def _takes(scene: Scene, solver: Solver) -> bool:
+    """Whether the scene is valid with a setting: its records must fall on whole steps."""
+    try:
+        replace(scene, solver=solver).validate()
+    except InputError:
+        return False
+    return True
 
 
 def _layout(simulation: Simulation) -> Layout:

@@ -9,7 +9,8 @@ A campaign's folder holds
     wall.csv       wall time of every run; not the same twice, so not in the table
     .locks/        files that working processes hold locked
 
-A run is done when its records have reached its duration and its metrics.csv is written.  The
+A run is done when its records have reached its duration, in whole steps, and its metrics.csv is
+written.  What of run.json and metrics.csv cannot be read is made anew from the checkpoint.  The
 tables are made anew from what the runs' folders hold, so they are the same to the bit however
 often the campaign was broken off.
 
@@ -120,6 +121,7 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
     elsewhere = done_in(without, plan) if without is not None else set()
     mine = [each for each in share(plan, part) if each.name not in elsewhere]
     new = _against(plan, _stored(out, resume), str(path))
+    _one_version(out, plan)
     left = sorted((each for each in mine if not _is_done(out, each)),
                   key=lambda each: -each.cost * (1.0 - _reached(out, each)))
     for each in _first_of_each(new, lambda each: replace(each.scene, run=Run())):
@@ -202,7 +204,7 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
         if version != __version__:
             raise InputError(f"must be {__version__}, this version: runs of two versions do not go "
                              "into one table", file=file, field="version", value=version)
-        if duration >= each.scene.run.duration:
+        if _reaches_end(each, duration):
             found.add(each.name)
     return found
 
@@ -214,13 +216,17 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
 def _stored(out: Path, resume: bool) -> dict[str, dict[str, Any]] | None:
     """The runs of the plan in the folder; None where no campaign has begun there."""
     path = out / "campaign.json"
-    if out.exists() and not out.is_dir():
-        raise InputError("is a file, not a folder", file=str(out))
-    if not path.exists():
-        if out.exists() and any(each.name != LOCKS for each in out.iterdir()):
-            raise InputError("must be a new or an empty folder, or that of a campaign",
-                             file=str(out))
-        return None
+    try:
+        if out.exists() and not out.is_dir():
+            raise InputError("is a file, not a folder", file=str(out))
+        if not path.exists():
+            if out.exists() and any(each.name != LOCKS for each in out.iterdir()):
+                raise InputError("must be a new or an empty folder, or that of a campaign",
+                                 file=str(out))
+            return None
+    except OSError as error:
+        raise InputError(f"must be a folder that can be read: {error.strerror}",
+                         file=str(out)) from None
     if not resume:
         raise InputError("holds a campaign already: go on with it (--resume) or name another "
                          "(--out)", file=str(out))
@@ -231,7 +237,8 @@ def _stored(out: Path, resume: bool) -> dict[str, dict[str, Any]] | None:
                              field="format", value=data["format"])
         return {each["name"]: {"kept": str(each["kept"]), "duration": float(each["duration"])}
                 for each in data["runs"]}
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError,
+            RecursionError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"is damaged: {error!r}", file=str(path)) from None
@@ -297,27 +304,71 @@ def _folder(out: Path, each: Planned) -> Path:
 
 
 def _info(out: Path, each: Planned) -> dict[str, Any] | None:
-    """The run's run.json, if there is one that can be read."""
+    """The run's run.json, if there is one that is whole; a run that goes on writes another."""
     try:
-        info = json.loads((_folder(out, each) / "run.json").read_text(encoding="utf-8"))
-        float(info["time"])
-    except (OSError, ValueError, LookupError, TypeError):
+        info = dict(json.loads((_folder(out, each) / "run.json").read_text(encoding="utf-8")))
+        _counted(info["counts"], 1.0)
+        whole = (math.isfinite(info["time"]) and math.isfinite(info["wall"])
+                 and isinstance(info["version"], str))
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError):
         return None
-    return dict(info)
+    return info if whole else None
+
+
+def _end(each: Planned) -> int:
+    """The step at which a run ends: `tbsa.model.records` rounds its duration to whole steps."""
+    return round(each.scene.run.duration / each.scene.solver.step)
+
+
+def _reaches_end(each: Planned, time: float) -> bool:
+    return time > (_end(each) - 0.5) * each.scene.solver.step
+
+
+def _ended(out: Path, each: Planned) -> tuple[dict[str, Any], list[dict[str, Any]]] | None:
+    """The run.json and the rows of metrics.csv of a run that is done; else None."""
+    from tbsa.work.metrics import COLUMNS
+
+    info = _info(out, each)
+    if (info is None or info.get("fingerprint") != each.mark
+            or not _reaches_end(each, info["time"])):
+        return None
+    try:
+        rows = _read_csv(_folder(out, each) / "metrics.csv", COLUMNS)
+        whole = abs(rows[-1]["time"] - info["time"]) < 0.5 * each.scene.solver.step
+    except (OSError, ValueError, LookupError, ArithmeticError):
+        return None
+    return (info, rows) if whole else None
 
 
 def _is_done(out: Path, each: Planned) -> bool:
-    info = _info(out, each)
-    if info is None or not (_folder(out, each) / "metrics.csv").exists():
-        return False
-    end = each.scene.run.duration - 0.6 * each.scene.solver.step / each.scene.solver.substeps
-    return bool(info.get("fingerprint") == each.mark and info["time"] >= end)
+    return _ended(out, each) is not None
 
 
 def _reached(out: Path, each: Planned) -> float:
     """What share of the run's duration is done."""
     info = _info(out, each)
-    return min(info["time"] / each.scene.run.duration, 1.0) if info else 0.0
+    if info is None:
+        return 0.0
+    return 1.0 if _reaches_end(each, info["time"]) else info["time"] / each.scene.run.duration
+
+
+def _one_version(out: Path, plan: Iterable[Planned]) -> None:
+    """The runs that are there are of this version: others do not go into one table with new ones.
+
+    Raises
+    ------
+    InputError
+        Where one is not.
+    """
+    from tbsa import __version__
+
+    for each in plan:
+        info = _info(out, each)
+        if info is not None and info["version"] != __version__:
+            raise InputError(f"must be {__version__}, this version: runs of two versions do not go "
+                             "into one table; go on with that version, or name another folder "
+                             "(--out)", file=str(_folder(out, each) / "run.json"),
+                             field="version", value=info["version"])
 
 
 @contextlib.contextmanager
@@ -605,8 +656,10 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
     rows, curves, walls = [], [], []
     outcomes = _failures(out / "table.csv") | outcomes
     for each in plan:
-        info, done = _info(out, each), _is_done(out, each)
-        status, message = (DONE, "") if done else outcomes.get(each.name, (WAITING, ""))
+        info, ended = _info(out, each), _ended(out, each)
+        status, message = outcomes.get(each.name, (WAITING, ""))
+        if ended or status == DONE:  # what the folder holds counts, not what a worker said
+            status, message = DONE if ended else WAITING, ""
         row: dict[str, Any] = {
             "run": each.name, "group": each.group, "scene": each.base,
             **{name: json.dumps(value) if isinstance(value, list) else value
@@ -614,11 +667,11 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
             "seed": each.scene.run.seed, "duration": each.scene.run.duration,
             "tiles": each.tiles, "fingerprint": each.mark, "settings": each.settings,
             "version": info["version"] if info else None, "status": status, "message": message}
-        if done and info:
-            frame = pd.DataFrame(_read_csv(_folder(out, each) / "metrics.csv"))
+        if ended:
+            frame = pd.DataFrame(ended[1])
             row |= {str(name): frame[name].iloc[-1] for name in frame}
             row |= {f"mean_{name}": _mean(frame[name]) for name in MEANS}
-            row |= _counted(info["counts"], each.scene.material.width)
+            row |= _counted(ended[0]["counts"], each.scene.material.width)
             frame.insert(0, "run", each.name)
             curves.append(frame)
         rows.append(row)
@@ -637,27 +690,42 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
     return table.infer_objects()
 
 
-def _read_csv(path: Path) -> list[dict[str, Any]]:
-    """Rows of a table of numbers, to the last bit; pandas' own reader may be off by one."""
+def _read_csv(path: Path, columns: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Rows of a table of numbers, to the last bit; pandas' own reader may be off by one.
+
+    Raises
+    ------
+    ValueError
+        Where it has other columns or something that is no number.
+    """
     def number(text: str) -> Any:
         if text in ("True", "False"):
             return text == "True"
         return int(text) if text.lstrip("-").isdigit() else float(text or "nan")
 
     with open(path, newline="", encoding="utf-8") as file:
-        return [{name: number(text) for name, text in row.items()}
-                for row in csv.DictReader(file)]
+        try:
+            head, *rows = csv.reader(file)
+        except csv.Error as error:
+            raise ValueError(*error.args) from None
+    if tuple(head) != columns:
+        raise ValueError("other columns")
+    return [{name: number(text) for name, text in zip(head, row, strict=True)} for row in rows]
 
 
 def _failures(path: Path) -> Outcomes:
-    """The failed runs of an earlier table; another share's process may have written it."""
+    """The failed runs of an earlier table; another share's process may have written it.
+
+    A table that cannot be read tells of none: all else in it is made anew.
+    """
     import pandas as pd
 
-    if not path.exists():
+    try:
+        rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+        rows = rows[rows["status"] == FAILED]
+        return {run: (FAILED, why) for run, why in zip(rows["run"], rows["message"], strict=True)}
+    except (OSError, ValueError, LookupError):
         return {}
-    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
-    rows = rows[rows["status"] == FAILED]
-    return {run: (FAILED, why) for run, why in zip(rows["run"], rows["message"], strict=True)}
 
 
 MEANS = ("size", "errors_percent", "holes_percent")  # over all records of a run

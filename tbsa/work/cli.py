@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
+import os
 import re
 import shlex
+import stat
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -30,8 +33,11 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
+        sys.stdout.reconfigure(errors="backslashreplace")
     arguments = _parser().parse_args(argv)
     try:
+        _check_out(arguments)
         code: int = arguments.command(arguments)
         return code
     except InputError as error:
@@ -44,6 +50,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (OSError, RuntimeError) as error:
         print(f"tbsa: {error}", file=sys.stderr)
         return 1
+
+
+def _check_out(arguments: argparse.Namespace) -> None:
+    """What --out names can be looked up: it is not too long, for one."""
+    out: Path | None = getattr(arguments, "out", None)
+    # A file is written beside its place first, under a name that is a little longer.
+    more = 20 * "_" if arguments.command in (_metrics, _draw) else ""
+    try:
+        if out is not None:
+            (out.parent / f"{out.name}{more}").exists()
+    except OSError as error:
+        raise InputError(f"must be a path that can be written: {error.strerror}", field="--out",
+                         value=str(out)) from None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -324,11 +343,13 @@ def _metrics(arguments: argparse.Namespace) -> int:
     from tbsa.work.metrics import table
 
     records = read_run(arguments.run)
-    frame = table(records.scene, records.layout, records.time, records.x, records.y,
-                  records.angle)
     out = arguments.out or arguments.run / "metrics.csv"
     if not out.parent.is_dir():
         raise InputError("is not a folder", file=str(out.parent))
+    if out.is_dir():
+        raise InputError("must be a file, and is a folder", field="--out", value=str(out))
+    frame = table(records.scene, records.layout, records.time, records.x, records.y,
+                  records.angle)
     write_atomically(out, frame.to_csv(index=False).encode())
     print(frame.to_string(index=False))
     print(f"written to {out}")
@@ -370,9 +391,12 @@ def _fit(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
     if folder.exists() and not folder.is_dir():
         raise InputError("must be a folder", field="--out", value=str(folder))
-    files, refusal = {}, ""
-    if arguments.scene is not None:
-        files[arguments.scene] = fit.into(arguments.scene, result)
+    files, refusal, scene = {}, "", arguments.scene
+    made = fit.into(scene, result) if scene is not None else b""
+    mode = scene.stat().st_mode if scene is not None else 0o600
+    if scene is not None and not (mode & 0o222 and os.access(scene, os.W_OK)
+                                  and os.access(scene.resolve().parent, os.W_OK)):
+        raise InputError("must be a file that may be written", file=str(scene), field="--scene")
     if arguments.model == "law":
         try:
             files[folder / "magnet.toml"] = fit.section(result).encode()
@@ -380,13 +404,20 @@ def _fit(arguments: argparse.Namespace) -> int:
             refusal = f"warning: a scene does not take this law: {error}"
     text = fit.describe(result)
     files[folder / "fit.png"] = fit.picture(result)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"must be a folder that can be made: {error.strerror}", field="--out",
+                         value=str(folder)) from None
     for path, data in files.items():
         write_atomically(path, data)
     if folder / "magnet.toml" not in files:
         (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
+    if scene is not None:  # last: it is not the fit's own, and stays as it was if those fail
+        write_atomically(scene.resolve(), made)
+        scene.chmod(stat.S_IMODE(mode))
     print(text, *([refusal] if refusal else []), "", sep="\n")
-    print(f"written: {', '.join(map(str, files))}")
+    print(f"written: {', '.join(map(str, [*files, *([scene] if scene is not None else [])]))}")
     return 0
 
 

@@ -256,8 +256,14 @@ def _panel(
     return _marks(ax, scene, x, y, found) if metrics else {}
 
 
-def _colours(scene: Scene) -> Floats:
-    """float64[types, 3]: red, green and blue of every tile type."""
+def check_colours(scene: Scene) -> None:
+    """The colours of the tile types can be drawn; a run does without.
+
+    Raises
+    ------
+    InputError
+        Where one cannot.
+    """
     for k, kind in enumerate(scene.types):
         if not is_color_like(kind.colour) or kind.colour.lower() == "none":
             raise InputError(
@@ -267,6 +273,11 @@ def _colours(scene: Scene) -> Floats:
                 field=f"tiles.type[{k}].colour",
                 value=kind.colour,
             )
+
+
+def _colours(scene: Scene) -> Floats:
+    """float64[types, 3]: red, green and blue of every tile type."""
+    check_colours(scene)
     return np.array([to_rgb(kind.colour) for kind in scene.types])
 
 
@@ -487,6 +498,8 @@ def _target(path: str | Path) -> Path:
         raise InputError(f"must end in {', '.join(FORMATS)}", field="path", value=str(path))
     if not path.parent.is_dir():
         raise InputError("must be in a folder that exists", field="path", value=str(path))
+    if path.is_dir():
+        raise InputError("must be a file, and is a folder", field="path", value=str(path))
     return path
 
 

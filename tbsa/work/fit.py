@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from theory import fit as fitting
 from theory.fit import Fit, Interval, Model
 
 EXACT = ("cylinder", "cuboid")
+ROUNDING = 1e-9  # of a distance
 
 
 class Result(NamedTuple):
@@ -148,6 +150,8 @@ def _within(measured: Measurements, within: str) -> Measurements:
                          "example 0.5cm:2cm or 5mm:", field="--range", value=within)
     a = quantity(low, "m", "--range") if low.strip() else -math.inf
     b = quantity(high, "m", "--range") if high.strip() else math.inf
+    # 7mm and 0.7cm are the same distance, though not to the last bit.
+    a, b = a - ROUNDING * abs(a), b + ROUNDING * abs(b)
     use = (measured.distance >= a) & (measured.distance <= b)
     if np.unique(measured.distance[use]).size < LEAST:
         far, scale = measured.distance.max(), LENGTHS[measured.unit]
@@ -452,7 +456,8 @@ def _lines(result: Result) -> dict[str, str]:
 def into(path: Path, result: Result) -> bytes:
     """A scene's file with alpha, beta and inset of its ``[magnet]`` section replaced by the fit's.
 
-    Every other line stays as it is; a scene without the section gets one at its end.
+    Every other line stays as it is, to its ending; a scene without the section gets one at its
+    end.
 
     Raises
     ------
@@ -461,29 +466,52 @@ def into(path: Path, result: Result) -> bytes:
     """
     new = _lines(result)
     before = load(path)
-    text = path.read_bytes().decode("utf-8-sig")
-    ending = "\r\n" if "\r\n" in text else "\n"
-    lines = text.removesuffix(ending).split(ending)
-    heads = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
-    start = next((k for k in heads if re.match(r"\s*\[\s*magnet\s*\]", lines[k])), None)
+    data = path.read_bytes()
+    mark = BOM_UTF8 if data.startswith(BOM_UTF8) else b""
+    text = data.removeprefix(mark).decode()
+    lines = text.split("\n")
+    plain = _without_strings(text).split("\n")
+    heads = [k for k, line in enumerate(plain) if re.match(r"\s*\[", line)]
+    start = next((k for k in heads if re.match(r"\s*\[\s*magnet\s*\]", plain[k])), None)
     wrong = InputError("must be a table of its own, [magnet], to be replaced by the fit",
                        file=str(path), field="magnet")
+
+    def ended(added: Iterable[str], like: str) -> list[str]:
+        return [line + "\r" * like.endswith("\r") for line in added]
+
     if start is None:
         if before.magnet is not None:
             raise wrong
-        lines += ["", "[magnet]", *new.values()]
+        if not lines[-1]:
+            del lines[-1]
+        elif lines[0].endswith("\r"):
+            lines[-1] += "\r"
+        lines += [*ended(["", "[magnet]", *new.values()], lines[0]), ""]
     else:
         end = next((k for k in heads if k > start), len(lines))
         missing = dict(new)
         for k in range(start + 1, end):
-            key = lines[k].partition("=")[0].strip().strip("\"'")
+            key = plain[k].partition("=")[0].strip().strip("\"'")
             if key in missing:
-                lines[k] = missing.pop(key)
-        lines[start + 1:start + 1] = missing.values()
-    made = ending.join(lines) + ending
+                lines[k:k + 1] = ended([missing.pop(key)], lines[k])
+        if start == len(lines) - 1 and missing:  # the head ends the file, without a newline
+            lines.append("")
+        lines[start + 1:start + 1] = ended(missing.values(), lines[start])
+    made = "\n".join(lines)
     after = parse(made, str(path))
     alpha, beta, inset = (float(line.split()[2]) for line in new.values())
     magnet = replace(before.magnet or Magnet(), alpha=alpha, beta=beta, inset=inset)
     if after != replace(before, magnet=magnet):
         raise wrong
-    return made.encode()
+    return mark + made.encode()
+
+
+STRINGS = re.compile(  # of TOML, and comments; those of several lines have a name
+    r'''#[^\n]*|(?P<many>"""(?:\\.|[^\\])*?"{3,5}|\'{3}.*?\'{3,5})'''
+    r'''|"(?:\\.|[^"\\\n])*"|'[^'\n]*\'''', re.DOTALL)
+
+
+def _without_strings(text: str) -> str:
+    """A TOML file line by line, with nothing in its strings of several lines."""
+    return STRINGS.sub(lambda found: re.sub(r"[^\n]", "_", found[0]) if found["many"]
+                       else found[0], text)

@@ -228,6 +228,12 @@ def size(scene: Scene, layout: Layout, x: Floats, y: Floats, angle: Floats) -> i
     return int(_reached(_clusters(len(x), flush[matched][:, ::2]), layout.seed).sum())
 
 
+COLUMNS = ("time", "size", "total", "errors", "errors_percent", "holes", "holes_percent",
+           "wrong_colour", "wrongly_turned", "off_lattice", "outside", "mismatched",
+           "size_contact", "largest_free_cluster", "bonds", "bonds_assembly", "directed",
+           "joined", "left")  # of a table
+
+
 def table(
     scene: Scene, layout: Layout, time: Floats, x: Floats, y: Floats, angle: Floats
 ) -> pd.DataFrame:

@@ -12,7 +12,8 @@
 
 ``scene``, ``seeds`` and ``set`` at the top hold for every group that does not have its own; of
 ``set`` the group's fields come on top.  A group's runs are its scenes, times the entries of its
-list, times its grid, times its seeds.
+list, times its grid, times its seeds.  A field is set once, and not beside a part of it; a part of
+the scene (``drive``) is set field by field.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import hashlib
 import itertools
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -53,6 +54,11 @@ PARTS = {"Reactor": "reactor", "Drive": "drive", "Floor": "floor"}
 # Fields that stand for one another: setting one drops the others from the base scene.
 INSTEAD = {"tiles.set": ("type",), "tiles.type": ("set",), "free.number": ("counts",),
            "free.counts": ("number",), "seed.cells": ("arm", "types"), "seed.arm": ("cells",)}
+PARTS_OF_A_SCENE = {  # by name: one of its fields
+    "tiles": "tiles.set", "seed": "seed.arm", "free": "free.number", "run": "run.duration",
+    "record": "record.interval", "drive": "drive.force", "reactor": "reactor.radius",
+    "magnet": "magnet.alpha", "floor": "floor.linear", "material": "material.mass",
+    "solver": "solver.substeps"}
 Fields = dict[str, Any]
 
 
@@ -129,7 +135,10 @@ def read_plan(path: str | Path) -> list[Planned]:
     InputError
         When the file, a scene that it names, or a value that it sets is not allowed.
     """
-    return _Reader(Path(path)).runs()
+    try:
+        return _Reader(Path(path)).runs()
+    except RecursionError:
+        raise InputError("is nested too deeply", file=str(path)) from None
 
 
 def changed(path: str | Path, settings: Sequence[str]) -> Scene:
@@ -148,7 +157,7 @@ def changed(path: str | Path, settings: Sequence[str]) -> Scene:
     InputError
         Where a setting is not of this form, names no field, or gives a value that is not allowed.
     """
-    tables, fields = read_toml(path), {}
+    tables, fields = _read(path), {}
     for text in settings:
         name, sign, value = (part.strip() for part in text.partition("="))
         if not sign or not all(FIELD.fullmatch(part) for part in name.split(".")):
@@ -156,16 +165,29 @@ def changed(path: str | Path, settings: Sequence[str]) -> Scene:
                              "such as drive.force=0.06", field="--set", value=text)
         try:
             fields[name] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+        except (ValueError, RecursionError):
             fields[name] = value
-        try:
-            _assign(tables, name, fields[name])
-        except (LookupError, TypeError):
-            raise InputError(f"cannot be set: {path} has no place for it", field=f"--set {name}",
-                             value=fields[name]) from None
-    for name in fields:
-        _drop(tables, name, fields)
-    return parse(tables, str(path))
+
+    def fail(name: str) -> NoReturn:
+        raise InputError(f"cannot be set: {path} has no place for it", field=f"--set {name}",
+                         value=fields[name])
+
+    _set(tables, fields, fail)
+    try:
+        return parse(tables, str(path))
+    except RecursionError:
+        raise InputError("is nested too deeply", file=str(path)) from None
+
+
+def _read(path: str | Path) -> dict[str, Any]:
+    """The tables of a file; with words for what `tomllib` itself cannot take."""
+    try:
+        return read_toml(path)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        reason = "is nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InputError(f"must be TOML that can be read: {reason}", file=str(path)) from None
 
 
 class _Reader:
@@ -179,7 +201,7 @@ class _Reader:
         raise InputError(message, file=self.file, field=field)
 
     def runs(self) -> list[Planned]:
-        data = read_toml(self.path)
+        data = _read(self.path)
         self.keys("", data, ("title", *SHARED, "group"))
         if not isinstance(data.get("title", ""), str):
             self.fail("title", "must be a string", data["title"])
@@ -229,13 +251,18 @@ class _Reader:
         home: dict[str, str] = {}  # of every field: where the file sets it
         fixed = self.fields("set", top.get("set", {}), home)
         own: dict[str, str] = {}
-        fixed |= self.fields(f"{where}.set", group.get("set", {}), own)
+        group_fields = self.fields(f"{where}.set", group.get("set", {}), own)
+        fixed |= group_fields
         grid = self.arrays(f"{where}.grid", group.get("grid", {}), own)
         rows = self.arrays(f"{where}.list", group.get("list", {}), own)
         lengths = {key: len(values) for key, values in rows.items()}
         if len(set(lengths.values())) > 1:
             self.fail(f"{where}.list", "must be arrays of one length, taken together; they have "
                       + ", ".join(f"{key} {length}" for key, length in lengths.items()))
+        given = group_fields | grid | rows
+        for field, place in own.items():
+            self.once(place, field, given[field],
+                      {other: there for other, there in home.items() if other != field})
         for key in ("run.seed", "title"):
             if key in home | own:
                 self.fail((home | own)[key], "must be left out: " + (
@@ -275,11 +302,15 @@ class _Reader:
                 self.fail(where, "must be named once", name)
             if name in self.bases:
                 continue
-            path = self.path.parent / name
-            if not path.is_file():
+            path, reason = self.path.parent / name, "there is none"
+            try:
+                found = path.is_file()
+            except OSError as error:  # a name too long, a folder that may not be read
+                found, reason = False, str(error.strerror)
+            if not found:
                 self.fail(where, "must be the file of a scene, its path relative to this file; "
-                          "there is none", name)
-            tables = read_toml(path)
+                          f"{reason}", name)
+            tables = _read(path)
             parse(tables, str(path))  # so that what is wrong with it is said of it
             self.bases[name] = tables
         return names
@@ -318,12 +349,21 @@ class _Reader:
             if not all(FIELD.fullmatch(part) for part in name.split(".")):
                 self.fail(f"{where}.{name}", "must be under the dotted name of a field of the "
                           "scene, such as drive.force or tiles.type[0].family", value)
-            if name in found or name in home:
-                also = f" (also {home[name]})" if name in home else ""
-                self.fail(f"{where}.{name}", f"must be set once{also}", value)
+            if name in PARTS_OF_A_SCENE:
+                self.fail(f"{where}.{name}", "is a whole part of the scene: name its fields one by "
+                          f"one, such as {PARTS_OF_A_SCENE[name]}", value)
+            self.once(f"{where}.{name}", name, value,
+                      home | {other: f"{where}.{other}" for other in found})
             found[name] = value
         home |= {name: f"{where}.{name}" for name in found}
         return found
+
+    def once(self, where: str, name: str, value: Any, home: Mapping[str, str]) -> None:
+        """A field that is set; `home`: where others are, that may be neither it nor in it."""
+        for other, place in home.items():
+            if _within(name, other) or _within(other, name):
+                also = "" if place == where else f" (also {place})"
+                self.fail(where, f"must be set once{also}", value)
 
     def arrays(self, where: str, table: Any, home: dict[str, str]) -> Fields:
         found = self.fields(where, table, home)
@@ -335,13 +375,8 @@ class _Reader:
     def scene(self, where: str, base: str, fields: Fields, home: Mapping[str, str]) -> Scene:
         """A base scene with its fields set, validated."""
         tables = copy.deepcopy(self.bases[base])
-        for name, value in fields.items():
-            try:
-                _assign(tables, name, value)
-            except (LookupError, TypeError):
-                self.fail(home[name], f"cannot be set: {base} has no place for it", value)
-        for name in fields:
-            _drop(tables, name, fields)
+        _set(tables, fields, lambda name: self.fail(
+            home[name], f"cannot be set: {base} has no place for it", fields[name]))
         try:
             return parse(tables, str(self.path.parent / base))
         except InputError as error:
@@ -376,19 +411,44 @@ def _zipped(rows: Fields) -> list[Fields]:
             for values in zip(*rows.values(), strict=True)] or [{}]
 
 
-def _assign(tables: dict[str, Any], name: str, value: Any) -> None:
-    """Set a field of a scene's tables; tables that are not there are made, items are not."""
+def _within(name: str, other: str) -> bool:
+    """Whether a field is another or a part of it: "free.tile[0].angle" of "free.tile"."""
+    steps, start = _steps(name), _steps(other)
+    return steps[:len(start)] == start
+
+
+def _set(tables: dict[str, Any], fields: Fields, fail: Callable[[str], NoReturn]) -> None:
+    """Set fields of a scene's tables, in whatever order they were named; `fail`: one cannot be."""
+    # The set of tiles first, whose types another field may change; a field before its parts.
+    for name in sorted(fields, key=lambda name: (name != "tiles.set", len(_steps(name)))):
+        try:
+            _assign(tables, name, fields[name])
+        except (LookupError, TypeError):
+            fail(name)
+    for name in fields:
+        _drop(tables, name, fields)
+
+
+def _steps(name: str) -> list[str | int]:
+    """Keys and indices of a dotted name."""
     steps: list[str | int] = []
     for part in name.split("."):
         match = FIELD.fullmatch(part)
         assert match is not None
         steps += [match[1], *(int(i) for i in re.findall(r"\d+", match[2]))]
+    return steps
+
+
+def _assign(tables: dict[str, Any], name: str, value: Any) -> None:
+    """Set a field of a scene's tables; tables that are not there are made, items are not."""
+    steps, tiles = _steps(name), tables.get("tiles")
     place: Any = tables
-    if name.startswith("tiles.type[") and tables["tiles"].get("set") in SETS:
-        types = SETS[tables["tiles"].pop("set")]
-        tables["tiles"]["type"] = [asdict(kind) for kind in types]
+    if name.startswith("tiles.type[") and isinstance(tiles, dict) and tiles.get("set") in SETS:
+        tiles["type"] = [asdict(kind) for kind in SETS[tiles.pop("set")]]
     for step, following in itertools.pairwise(steps):
         if isinstance(step, str) and isinstance(following, str):
+            if not isinstance(place, dict):
+                raise TypeError
             place.setdefault(step, {})
         place = place[step]
     if isinstance(steps[-1], int):

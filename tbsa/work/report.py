@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tbsa.errors import InputError
 from tbsa.model.layout import Layout, initial_layout
 from tbsa.model.scene import EDGES, Drive, Scene
 from tbsa.model.simulation import floor_limits
@@ -162,7 +163,18 @@ def _tiles(scene: Scene, layout: Layout) -> list[str]:
     return [
         f"{total}: {parts}; {body.width:g} m wide, {body.mass:g} kg",
         *aligned(head, rows),
+        *_undrawable(scene),
     ]
+
+
+def _undrawable(scene: Scene) -> list[str]:
+    from tbsa.work.draw import check_colours  # takes its time
+
+    try:
+        check_colours(scene)
+    except InputError as error:
+        return [f"warning: {error.without_file}"]
+    return []
 
 
 def _reactor(scene: Scene, layout: Layout) -> list[str]:
