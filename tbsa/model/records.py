@@ -235,7 +235,7 @@ def _read_info(folder: Path) -> dict[str, Any]:
     except (FileNotFoundError, NotADirectoryError):
         raise InputError("is not the folder of a run: it has no run.json",
                          file=str(folder)) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     if not isinstance(info, dict) or info.get("format") != FORMAT:
         raise InputError(f"must be {FORMAT}: not written by this version of tbsa", file=str(path),
