@@ -157,7 +157,7 @@ def changed(path: str | Path, settings: Sequence[str]) -> Scene:
     InputError
         Where a setting is not of this form, names no field, or gives a value that is not allowed.
     """
-    tables, fields = _read(path), {}
+    tables, fields = read_toml(path), {}
     for text in settings:
         name, sign, value = (part.strip() for part in text.partition("="))
         if not sign or not all(FIELD.fullmatch(part) for part in name.split(".")):
@@ -179,17 +179,6 @@ def changed(path: str | Path, settings: Sequence[str]) -> Scene:
         raise InputError("is nested too deeply", file=str(path)) from None
 
 
-def _read(path: str | Path) -> dict[str, Any]:
-    """The tables of a file; with words for what `tomllib` itself cannot take."""
-    try:
-        return read_toml(path)
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        reason = "is nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise InputError(f"must be TOML that can be read: {reason}", file=str(path)) from None
-
-
 class _Reader:
     def __init__(self, path: Path) -> None:
         self.path, self.file = path, str(path)
@@ -201,7 +190,7 @@ class _Reader:
         raise InputError(message, file=self.file, field=field)
 
     def runs(self) -> list[Planned]:
-        data = _read(self.path)
+        data = read_toml(self.path)
         self.keys("", data, ("title", *SHARED, "group"))
         if not isinstance(data.get("title", ""), str):
             self.fail("title", "must be a string", data["title"])
@@ -310,7 +299,7 @@ class _Reader:
             if not found:
                 self.fail(where, "must be the file of a scene, its path relative to this file; "
                           f"{reason}", name)
-            tables = _read(path)
+            tables = read_toml(path)
             parse(tables, str(path))  # so that what is wrong with it is said of it
             self.bases[name] = tables
         return names
