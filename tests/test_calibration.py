@@ -21,7 +21,7 @@ from figures import elsewhere, events, families, frequency, more_tiles, style
 from figures import maps as maps_figure
 from paper_runs import calibrate, intervals, keep, merit, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
-from paper_runs.paper import DURATION, SELF
+from paper_runs.paper import DURATION, LESS, MORE, SELF
 from paper_runs.paper import SHAKING as SHAKEN
 from paper_runs.tables import HERE, against_plan, load
 from tbsa.model.layout import initial_layout
@@ -182,6 +182,64 @@ def test_the_interval_of_a_difference_is_welchs():
     found = intervals.difference(a, b)
     assert (found.low, found.high) == pytest.approx((reference.low, reference.high), rel=1e-12)
     assert intervals.difference([1.0, 1.0], [0.0, 0.0])[:3] == (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 12])
+def test_the_interval_of_a_ratio_of_few_runs_covers_it_as_often_as_it_says(n):
+    random, trials = np.random.default_rng(6), 1500
+    held = 0
+    for _ in range(trials):
+        found = intervals.ratio(random.normal(140, 25, n), random.normal(35, 9, n))
+        held += found.low <= 4.0 <= found.high
+    assert 0.935 * trials <= held <= 0.985 * trials
+
+
+def test_the_interval_of_a_ratio_is_fiellers():
+    """Its ends are the ratios that Welch's test just tells from ours; of n = 30 all but so."""
+    random = np.random.default_rng(7)
+    a, b = random.normal(140, 20, 30), random.normal(35, 5, 30)
+    found = intervals.ratio(a, b)
+    for end in (found.low, found.high):
+        assert stats.ttest_ind(a, end * b, equal_var=False).pvalue == pytest.approx(0.05, abs=1e-3)
+    assert intervals.ratio([4.0, 4.0], [2.0, 2.0])[:3] == (2.0, 2.0, 2.0)
+    assert intervals.ratio([140, 141, 143], [0, 0, 40])[1:] == (0.0, math.inf, 3)
+    assert math.isnan(intervals.ratio([140.0, 141.0], [0.0, 0.0]).value)
+    assert math.isnan(intervals.ratio([140.0], [35.0]).low)
+
+
+def test_the_interval_of_a_difference_of_rare_counts_is_as_wide_as_theirs():
+    ours, theirs = ([0] * 36, [140] * 36), ([0] * 36, [36] * 36)
+    found = intervals.percent_difference(ours, theirs)
+    assert found[:3] == pytest.approx(
+        (0.0, -intervals.percent(*theirs).high, intervals.percent(*ours).high))
+    some = ([1, 0, 0, 1], [50] * 4)
+    a, b = intervals.percent(*some), intervals.percent(*theirs)
+    found = intervals.percent_difference(some, theirs)
+    assert found.low == pytest.approx(a.value - math.hypot(a.value - a.low, b.high))
+    assert found.high == pytest.approx(a.high)
+    assert math.isnan(intervals.percent_difference(ours, ([0], [0])).value)
+
+
+def test_the_interval_of_a_difference_of_rare_counts_covers_it_as_often_as_it_says():
+    random, trials = np.random.default_rng(8), 500
+    held = 0
+    for _ in range(trials):
+        a, b = random.poisson(0.05, 20), random.poisson(0.02, 20)
+        found = intervals.percent_difference((a, np.full(20, 100)), (b, np.full(20, 50)))
+        held += found.low <= 0.05 - 0.04 <= found.high
+    assert held >= 0.94 * trials
+
+
+@pytest.mark.parametrize(("figure", "ends", "verdict"), [
+    (MORE, (0.0, 0.0, 0.0), "not reached"), (LESS, (0.0, 0.0, 0.0), "not reached"),
+    (MORE, (1.0, 0.0, 2.0), "open, our mean is inside"),
+    (LESS, (-1.0, -2.0, 0.0), "open, our mean is inside"),
+    (MORE, (-1.0, -2.0, 0.0), "open, our mean is outside"),
+    (MORE, (2.0, 1.0, math.inf), "reached"), (LESS, (-2.0, -3.0, -1.0), "reached"),
+    (MORE, (2.0, 0.0, math.inf), "open, the interval is unbounded"),
+    (MORE, (2.0, math.nan, math.nan), "open, there is no interval")])
+def test_zero_is_neither_above_nor_below_zero(figure, ends, verdict):
+    assert figure.verdict(intervals.Estimate(*ends, 3)) == verdict
 
 
 def test_of_nothing_in_many_runs_the_bound_is_that_of_a_poisson_count():
@@ -484,6 +542,30 @@ def test_what_is_not_reached_is_said(tmp_path, ours, theirs, what, verdict):
 
     tables(HERE / "campaign.toml", tmp_path, metrics)
     assert merits(tmp_path)[what][0] == verdict
+
+
+def test_without_any_difference_none_is_found(tmp_path):
+    tables(HERE / "campaign.toml", tmp_path,
+           lambda each: ending(each, 100 + each.scene.run.seed % 3))
+    found = merits(tmp_path)
+    for what in ("errors", "holes"):
+        verdict, ours = found[f"{what}, self-stabilizing less shaking"]
+        assert ours.low < 0.0 < ours.high
+        assert verdict == "open, our mean is outside"
+    for what in ("still growing (slope, tiles in 1000 s)", "growth slows down (change of slope)"):
+        assert found[f"self-stabilizing: {what}"][0] == "not reached"
+
+
+def test_a_ratio_to_sizes_that_may_be_none_has_no_bound(tmp_path):
+    def metrics(each):
+        if each.scene.run.seed > 3:
+            return None
+        return ending(each, 140 + each.scene.run.seed if each.group == SELF else (
+            40.0 * (each.scene.run.seed == 3)))
+
+    tables(HERE / "campaign.toml", tmp_path, metrics)
+    assert merits(tmp_path)["size, self-stabilizing over shaking"][0] == (
+        "open, the interval is unbounded")
 
 
 def test_merit_works_with_some_of_the_runs_and_says_what_is_missing(tmp_path, capsys):
