@@ -30,7 +30,7 @@ from paper_runs.intervals import (
     slopes,
 )
 from paper_runs.paper import DURATION, END, RUNS, SELF, SHAKING, Figure
-from paper_runs.tables import against_plan, command, curves, load, markdown
+from paper_runs.tables import against_plan, command, curves, load, markdown, walls
 
 Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
 HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
@@ -114,10 +114,7 @@ def _beside(drives: Drives) -> list[str]:
 
 
 def _walls(folder: Path, drives: Drives) -> list[str]:
-    path = folder / "wall.csv"
-    if not path.exists():
-        return []
-    wall = pd.read_csv(path).set_index("run")["wall"]
+    wall = walls(folder)
     hours = {drive: float(wall.reindex(table["run"]).sum()) / 3600.0
              for drive, table in drives.items()}
     total = sum(hours.values())

@@ -23,7 +23,7 @@ from paper_runs import calibrate, intervals, keep, merit, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
 from paper_runs.paper import DURATION, LESS, MORE, SELF
 from paper_runs.paper import SHAKING as SHAKEN
-from paper_runs.tables import HERE, against_plan, load
+from paper_runs.tables import HERE, against_plan, load, read
 from tbsa.model.layout import initial_layout
 from tbsa.model.scene import Run
 from tbsa.model.tiles import check, ground_truth
@@ -613,6 +613,112 @@ def test_what_is_no_data_is_refused(tmp_path, capsys):
         assert "table.csv: must be the table of a campaign" in capsys.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The tables of three campaigns like the paper's, in folders of their names."""
+    home = tmp_path_factory.mktemp("whole")
+    tables(HERE / "campaign.toml", home / "campaign", like_the_paper)
+    tables(HERE / "step.toml", home / "step", stepped(0.0, 5.0))
+    tables(HERE / "calibration.toml", home / "calibration", mapped())
+    return home
+
+
+def column(name, value=None, row=1):
+    """A change of a table: one value of a column, or the column gone."""
+    def change(frame):
+        if value is None:
+            return frame.drop(columns=name)
+        frame[name] = frame[name].astype(object)
+        frame.loc[row, name] = value
+        return frame
+    return change
+
+
+def said(command, data, out, capsys):
+    """What a command says of data that it cannot read: one line, code 2, and nothing written."""
+    part = {calibrate: "", merit: "campaign", step_study: "step"}[command]
+    assert command.main(["--data", str(data / part), "--out", str(out)]) == 2
+    assert not out.exists()
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    return output.err
+
+
+@pytest.mark.parametrize(("command", "file", "change", "words"), [
+    (merit, "campaign/table", column("message"), "message: must be a column"),
+    (merit, "campaign/table", column("scene", ""), "scene of self-stabilizing/"),
+    (merit, "campaign/table", column("size", "many"), "'many' must be a number from 0"),
+    (merit, "campaign/table", column("size", ""), "must not be blank"),
+    (merit, "campaign/table", column("errors", math.inf), "must be a number from 0"),
+    (merit, "campaign/table", column("holes"), "holes: is not there; must be a column"),
+    (merit, "campaign/table", column("duration", "long"), "'long' must be a number above 0"),
+    (merit, "campaign/table", column("status", "ready"), "must be one of done, failed"),
+    (merit, "campaign/table", lambda frame: pd.concat([frame, frame[:1]]), "must be there once"),
+    (merit, "campaign/curves", lambda frame: frame[frame["run"] != frame["run"].iloc[0]],
+     "run: 'self-stabilizing/"),
+    (merit, "campaign/curves", lambda frame: frame[:0], "is not there; must be, as it is done"),
+    (merit, "campaign/curves", column("size"), "size: must be a column"),
+    (merit, "campaign/curves", column("size", "x"), "'x' must be a number"),
+    (merit, "campaign/curves", column("time", ""), "'' must be a number"),
+    (merit, "campaign/curves", lambda frame: pd.concat([frame, frame[:1]]), "must be there once"),
+    (merit, "campaign/wall", column("wall"), "wall: must be a column"),
+    (merit, "campaign/wall", column("wall", "x"), "'x' must be a number from 0"),
+    (merit, "campaign/wall", lambda frame: pd.concat([frame, frame[:1]]), "must be there once"),
+    (step_study, "step/table", column("solver.step"), "solver.step: is not there"),
+    (step_study, "step/table", column("solver.step", 0), "0 must be a number above 0"),
+    (step_study, "step/table", column("solver.step", "x"), "'x' must be a number above 0"),
+    (step_study, "step/table", column("solver.step", ""), "must not be blank"),
+    (calibrate, "calibration/table", column("drive.torque"), "drive.torque: is not there"),
+    (calibrate, "calibration/table", column("floor.law"), "floor.law: is not there"),
+    (calibrate, "calibration/table", column("off_lattice"), "off_lattice: is not there"),
+    (calibrate, "calibration/table", column("drive.force", "x"), "'x' must be a number"),
+    (calibrate, "calibration/table", column("size", ""), "must not be blank"),
+    (calibrate, "calibration/table", column("errors", ""), "must not be blank")])
+def test_damaged_tables_are_refused_in_one_line(whole, tmp_path, capsys, command, file, change,
+                                                words):
+    shutil.copytree(whole, tmp_path / "data")
+    path = tmp_path / "data" / f"{file}.csv"
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    line = said(command, tmp_path / "data", tmp_path / "out.md", capsys)
+    assert f"{path}: " in line
+    assert words in line
+
+
+@pytest.mark.parametrize("name", ["table", "curves", "wall"])
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "is empty"), ("not a table\n", "must be a column"),
+    ("run,run,time\n", "must be a column"), (b"\xff\xfe", "codec"),
+    ("{head}\n1,2\n", "line 2: must have"), ("{head}\n{head},1,2\n", "line 2: must have")])
+def test_what_is_no_table_is_refused_in_one_line(whole, tmp_path, capsys, name, text, words):
+    shutil.copytree(whole, tmp_path / "data")
+    path = tmp_path / "data" / "campaign" / f"{name}.csv"
+    head = path.read_text().partition("\n")[0]
+    path.write_bytes(text if isinstance(text, bytes) else text.format(head=head).encode())
+    line = said(merit, tmp_path / "data", tmp_path / "out.md", capsys)
+    assert f"{path}: " in line
+    assert words in line
+    if name != "table":
+        return
+    assert keep.main([str(path.parent), str(tmp_path / "kept")]) == 2
+    assert f"keep: {path}: " in capsys.readouterr().err
+    assert not (tmp_path / "kept").exists()
+
+
+def test_a_size_that_is_not_known_does_not_choose_another_setting(whole, tmp_path, capsys):
+    """An assembly of nothing has no percentage, and is far off; a blank is damage."""
+    shutil.copytree(whole, tmp_path / "data")
+    path = tmp_path / "data" / "calibration" / "table.csv"
+    table = pd.read_csv(path)
+    table.loc[3, ["size", "errors", "holes"]] = 0
+    table.loc[3, ["errors_percent", "holes_percent"]] = math.nan
+    table.to_csv(path, index=False)
+    out = tmp_path / "report.md"
+    assert calibrate.main(["--data", str(tmp_path / "data"), "--out", str(out)]) == 0
+    assert "F_mag = 0.06 N, T_mag = 0.001 N m, separate" in out.read_text()
+    capsys.readouterr()
+
+
 # ---------------------------------------------------------------------------------------------
 # The step.
 
@@ -623,7 +729,7 @@ def stepped(shift, spread):
 
     def metrics(each):
         half = each.scene.solver.step < 1 / 180
-        return ending(each, 100 + shift * half + spread * random.standard_normal())
+        return ending(each, max(100 + shift * half + spread * random.standard_normal(), 0.0))
     return metrics
 
 
@@ -781,6 +887,43 @@ def test_parts_of_another_provenance_are_refused(home, capsys, column, value, wo
     assert err.startswith(f"keep: kept: {words}")
     assert "keep them apart" in err
     assert kept("kept") == before
+
+
+@pytest.mark.parametrize("name", ["curves", "wall"])
+@pytest.mark.parametrize("cut", ["run", "end"])
+def test_while_a_campaign_goes_on_only_runs_with_all_their_curves_are_kept(tmp_path, capsys, name,
+                                                                          cut):
+    """It replaces the table first: then the others are still those of before."""
+    out, to = tmp_path / "out", tmp_path / "kept"
+    table = tables(HERE / "more_tiles.toml", out, lambda each: ending(each, 100))
+    new, late = table["run"][1], (out / f"{name}.csv").read_text()
+    older = [line for line in late.splitlines(keepends=True) if not line.startswith(f"{new},")]
+    if cut == "end":
+        older += [line for line in late.splitlines(keepends=True) if line.startswith(f"{new},")][
+            :-1] if name == "curves" else [f"{new},5.0,100.0\n"]
+    (out / f"{name}.csv").write_text("".join(older))
+    assert keep.main([str(out), str(to)]) == 0
+    assert "1 more are done, but without a curve and a wall time yet" in capsys.readouterr().out
+    assert len(read(to / "table.csv")) == len(table) - 1
+    (out / f"{name}.csv").write_text(late)
+    keep.main([str(out), str(to)])
+    assert "more are done" not in capsys.readouterr().out
+    assert kept(to) == kept(out)
+    (to / f"{name}.csv").write_text("".join(older))  # as an earlier version may have left it
+    keep.main([str(out), str(to)])
+    assert kept(to) == kept(out)
+    assert read(to / "wall.csv") == read(out / "wall.csv")
+
+
+def test_a_campaign_is_not_kept_in_itself(tmp_path, capsys, monkeypatch):
+    tables(HERE / "more_tiles.toml", tmp_path / "out", lambda each: ending(each, 100))
+    before = kept(tmp_path / "out")
+    (tmp_path / "link").symlink_to("out")
+    monkeypatch.chdir(tmp_path)
+    for target in ("out", "link", "out/../out", str(tmp_path / "out")):
+        assert keep.main(["out", target]) == 2
+        assert "must be another folder than the campaign's" in capsys.readouterr().err
+    assert kept(tmp_path / "out") == before
 
 
 def test_the_folder_of_what_is_kept_is_named_as_the_campaign(home, monkeypatch):
