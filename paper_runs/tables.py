@@ -99,7 +99,7 @@ def check(table: pd.DataFrame, path: Path, name: str, least: float = 0.0) -> Non
 def given(rows: pd.DataFrame, folder: Path, *names: str) -> pd.DataFrame:
     """The rows of a campaign's table, in each of which these columns must have a value.
 
-    The drive's must be numbers.
+    Those of the drive and of free tiles must be numbers.
     """
     path = folder / "table.csv"
     for name in names if len(rows) else ():
@@ -108,7 +108,7 @@ def given(rows: pd.DataFrame, folder: Path, *names: str) -> pd.DataFrame:
         if rows[name].isna().any():
             raise InputError("must not be blank", file=str(path),
                              field=f"{name} of {rows['run'][rows[name].isna()].iloc[0]}")
-        if name.startswith("drive."):
+        if name.startswith(("drive.", "free.")):
             check(rows, path, name, -np.inf)
             rows = rows.assign(**{name: pd.to_numeric(rows[name])})
     return rows

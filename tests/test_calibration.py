@@ -17,8 +17,9 @@ from synthetic import ending, tables
 from test_campaign import CAMPAIGN, SCENE, SHAKING
 
 import tbsa
-from figures import elsewhere, events, families, frequency, more_tiles, style
+from figures import elsewhere, events, families, frequency, growth, more_tiles, style
 from figures import maps as maps_figure
+from figures.__main__ import main as make_figures
 from paper_runs import calibrate, intervals, keep, merit, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
 from paper_runs.paper import DURATION, LESS, MORE, SELF
@@ -1067,6 +1068,73 @@ def test_a_map_that_is_done_in_part_shares_the_columns_of_the_other(tmp_path, mo
         assert (left, right) == (-0.5, 9.5)
         assert all(left < text.get_position()[0] < right for text in ax.texts)
     assert sum(text.get_text() == "–" for text in ax.texts) == 7 * 9
+
+
+def rewritten(path, change):
+    change(pd.read_csv(path)).to_csv(path, index=False)
+
+
+def first_groups(*groups):
+    return lambda frame: frame[frame["group"].isin(groups)]
+
+
+@pytest.fixture
+def written(beyond, monkeypatch):
+    """All figures of data read the tests' tables, and write to the tests' folder."""
+    tables(HERE / "calibration.toml", beyond / "calibration", mapped())
+    monkeypatch.setattr(style, "OUTPUT", beyond / "output")
+    monkeypatch.setattr(maps_figure, "DATA", (beyond / "calibration" / "table.csv",))
+    monkeypatch.setattr(growth, "DATA", events.DATA)
+    return beyond
+
+
+@pytest.mark.parametrize(("name", "file", "change", "words"), [
+    ("growth", "campaign/table", lambda frame: frame.assign(status="failed"), "a run that is done"),
+    ("growth", "campaign/curves", lambda frame: frame[:50], "run: "),
+    ("growth", "campaign/curves", lambda frame: frame.assign(errors_percent="x"), "'x' must be"),
+    ("events", "campaign/table", lambda frame: frame[:0], "a run that is done"),
+    ("events", "campaign/curves", lambda frame: frame[frame["run"] != frame["run"].iloc[0]],
+     "run: 'self-stabilizing/"),
+    ("events", "campaign/curves", lambda frame: frame[frame["time"] == 0], "more than one time"),
+    ("maps", "calibration/table", first_groups("map-shaking"), "a run of the group map-unicycle"),
+    ("maps", "calibration/table", lambda frame: frame.assign(status="failed"),
+     "a run of the group map-unicycle"),
+    ("maps", "calibration/table", lambda frame: frame.drop(columns="drive.torque"),
+     "drive.torque: is not there"),
+    ("frequency", "beyond/table", first_groups("square"), "a run of the group frequency"),
+    ("families", "beyond/table", first_groups("square"), "a run of unequal families"),
+    ("more_tiles", "more_tiles/table", lambda frame: frame[:0], "a run that is done"),
+    ("more_tiles", "more_tiles/table", lambda frame: frame.assign(status="ready"), "must be one")])
+def test_a_figure_whose_data_do_not_serve_is_left_out_and_the_others_are_made(
+        written, capsys, name, file, change, words):
+    rewritten(written / f"{file}.csv", change)
+    assert make_figures([name, "tile_set"]) == 1
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"{name}: left out, needs ")
+    assert words in first
+    assert second.startswith("tile_set: ")
+    assert second.endswith("tile_set.png")
+
+
+@pytest.mark.parametrize(("name", "file", "change"), [
+    ("growth", "campaign/table", first_groups(SELF)),
+    ("growth", "campaign/table", first_groups(SHAKEN)),
+    ("events", "campaign/table", first_groups(SHAKEN)),
+    ("maps", "calibration/table", first_groups("map-unicycle")),
+    ("maps", "calibration/table", lambda frame: frame[:1]),
+    ("frequency", "beyond/table", lambda frame: frame[frame["group"] == "frequency"][:1]),
+    ("families", "beyond/table", first_groups("colours-oriented")),
+    ("more_tiles", "campaign/table", lambda frame: frame.assign(status="failed"))])
+def test_a_figure_is_made_of_one_drive_or_of_one_run(written, capsys, name, file, change):
+    rewritten(written / f"{file}.csv", change)
+    assert make_figures([name]) == 0
+    assert capsys.readouterr().out.endswith(f"{name}.png\n")
+
+
+def test_a_figure_that_cannot_be_written_is_said(written, capsys):
+    (written / "output").write_text("a file")
+    assert make_figures(["tile_set"]) == 2
+    assert capsys.readouterr().err.startswith("figures: ")
 
 
 def test_every_new_figure_fits_a_column(beyond):
