@@ -7,7 +7,9 @@ from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 
+from figures._data import Missing
 from figures.style import look, save
+from tbsa.errors import InputError
 
 HERE = Path(__file__).parent
 SCRIPTS = sorted(path.stem for path in HERE.glob("*.py")
@@ -15,7 +17,10 @@ SCRIPTS = sorted(path.stem for path in HERE.glob("*.py")
 
 
 def main(names: list[str]) -> int:
-    """Make the figures of these names, or all; returns 1 where data of a named one are missing."""
+    """Make the figures of these names, or all; the others where the data of one do not serve.
+
+    Returns 1 where they do not, or files of a named one are missing.
+    """
     if unknown := set(names) - set(SCRIPTS):
         print(f"there is no figure {', '.join(sorted(unknown))}; there are {', '.join(SCRIPTS)}",
               file=sys.stderr)
@@ -26,10 +31,21 @@ def main(names: list[str]) -> int:
         missing = [path for path in script.DATA if not path.exists()]
         if missing:
             print(f"{name}: left out, needs {_shown(missing)}")
-            code = 1 if names else 0
+            code = 1 if names else code
             continue
         with look():
-            paths = save(script.make(), name)
+            try:
+                figure = script.make()
+            except (Missing, InputError, OSError) as error:
+                what = "" if isinstance(error, Missing) else "data that can be read: "
+                print(f"{name}: left out, needs {what}{error}")
+                code = 1
+                continue
+            try:
+                paths = save(figure, name)
+            except OSError as error:
+                print(f"figures: {error}", file=sys.stderr)
+                return 2
         print(f"{name}: {_shown(paths)}")
     return code
 

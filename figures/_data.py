@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +13,10 @@ from matplotlib.axes import Axes
 from figures.style import BLUE, ORANGE
 from paper_runs.paper import SELF, SHAKING
 from paper_runs.tables import DATA, done
+from tbsa.errors import InputError
 
-__all__ = ["BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "done", "means",
-           "points", "seconds"]
+__all__ = ["BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "Missing", "done",
+           "means", "needed", "points", "results", "seconds"]
 
 # Tables, and a few records, of campaigns.
 CAMPAIGN, CALIBRATION = DATA / "campaign", DATA / "calibration"
@@ -21,6 +24,25 @@ BEYOND, MORE_TILES = DATA / "beyond", DATA / "more_tiles"
 DRIVES = {SELF: SELF, SHAKING: SHAKING}  # drive: label
 LOOKS: dict[str, tuple[str, Any, str]] = {  # colour, line, mark
     SELF: (BLUE, "-", "o"), SHAKING: (ORANGE, (0, (4, 1.5)), "s")}
+
+
+class Missing(FileNotFoundError):
+    """What a figure needs and the data do not have."""
+
+
+def needed(rows: pd.DataFrame, what: str) -> pd.DataFrame:
+    """The rows that a figure draws, of which there must be one."""
+    if rows.empty:
+        raise Missing(what)
+    return rows
+
+
+def results(path: Path) -> Any:
+    """What a file of results (JSON) has."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"must be JSON: {error}", file=str(path)) from None
 
 
 def seconds(rows: pd.DataFrame) -> str:

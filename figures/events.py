@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from figures._data import CAMPAIGN, DRIVES, LOOKS, done
+from figures._data import CAMPAIGN, DRIVES, LOOKS, Missing, done, needed
 from figures.style import figure
 from paper_runs.tables import curves
 
@@ -22,6 +22,7 @@ def make() -> Figure:
     """Above: losses against time; below: how many of the lost tiles left in a loss of that size."""
     folder = DATA[0].parent
     table = done(folder)
+    table = needed(table[table["group"].isin(DRIVES)], "a run that is done")
     fig = figure(4.2)
     above, below = fig.subplots(2, 1)
     for drive, label in DRIVES.items():
@@ -31,6 +32,8 @@ def make() -> Figure:
         colour, dash, _ = LOOKS[drive]
         time, left = curves(folder, rows, "left")
         _, size = curves(folder, rows, "size")
+        if len(time) < 2:
+            raise Missing(f"curves of {drive} of more than one time")
         rate, edges = lost(time, left, size)
         above.stairs(rate, edges, color=colour, linestyle=dash, lw=1.2, label=label,
                      baseline=None)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from figures._data import BEYOND, done, means, points, seconds
+from figures._data import BEYOND, done, means, needed, points, seconds
 from figures.style import BLUE, GREY, ORANGE, figure
 from paper_runs.paper import SELF
+from paper_runs.tables import given
 
 DATA = (BEYOND / "table.csv",)
 BACK = ("free.counts.black-back", "free.counts.white-back")
@@ -17,11 +18,14 @@ SETS = {"families": ("tiles that bind either way round (the paper's)", BLUE, "-"
 
 def make() -> Figure:
     """Against the share of the larger family; the grey mark is one family a colour."""
-    table = done(DATA[0].parent)
+    folder = DATA[0].parent
+    table = done(folder)
+    shown = needed(table[table["group"].isin([*SETS, "colours-oriented"])],
+                   "a run of unequal families that is done")
     fig = figure(2.6)
     ax = fig.add_subplot(xlabel="tiles of the larger family (%)")
     for group, (label, colour, dash, mark) in SETS.items():
-        rows = table[table["group"] == group]
+        rows = given(table[table["group"] == group], folder, *FORTH, *BACK)
         if rows.empty:
             continue
         larger, smaller = rows[list(FORTH)].sum(axis=1), rows[list(BACK)].sum(axis=1)
@@ -32,7 +36,6 @@ def make() -> Figure:
         at = means(balanced.assign(share=50.0), "share")
         points(ax, at.set_index(at.index - 1.2), SELF, "one way round, a family a colour",
                color=GREY, linestyle="", marker="^")
-    shown = table[table["group"].isin([*SETS, "colours-oriented"])]
     ax.set(xlim=(47.0, 101.5), ylim=(0.0, max(1.08 * float(shown["size"].max()), 1.0)),
            ylabel=f"attached tiles after {seconds(shown)} s")
     ax.spines[["top", "right"]].set_visible(False)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from figures._data import BEYOND, DRIVES, LOOKS, done, means, points, seconds
+from figures._data import BEYOND, DRIVES, LOOKS, done, means, needed, points, seconds
 from figures.style import figure
 from paper_runs.paper import SELF, SHAKING
+from paper_runs.tables import given
 
 DATA = (BEYOND / "table.csv",)
 PAPER = {SELF: 0.1, SHAKING: 0.33}  # Hz
@@ -15,7 +16,8 @@ PAPER = {SELF: 0.1, SHAKING: 0.33}  # Hz
 def make() -> Figure:
     """Means over the seeds, bars from the smallest to the largest run; the paper's are marked."""
     table = done(DATA[0].parent)
-    table = table[table["group"] == "frequency"]
+    table = needed(table[table["group"] == "frequency"], "a run of the group frequency")
+    table = given(table, DATA[0].parent, "drive.frequency")
     fig = figure(2.5)
     ax = fig.add_subplot(xscale="log", xlabel="frequency of the drive (Hz)",
                          ylabel=f"attached tiles after {seconds(table)} s")

@@ -7,13 +7,13 @@ paper reports for the end (Section V, Results).
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures._data import CAMPAIGN, DRIVES, LOOKS, done
+from figures._data import CAMPAIGN, DRIVES, LOOKS, done, needed
 from figures.style import BLUE, figure
 from paper_runs.paper import END, SELF
+from paper_runs.tables import records
 
 DATA = (CAMPAIGN / "table.csv", CAMPAIGN / "curves.csv")
 PANELS = {  # column: label, and the paper's end values
@@ -26,8 +26,9 @@ PANELS = {  # column: label, and the paper's end values
 def make() -> Figure:
     """Three panels above each other; the marks at the right edge are the paper's."""
     folder = DATA[0].parent
-    runs = done(folder)[["run", "group"]]
-    curves = pd.read_csv(DATA[1]).merge(runs, on="run")
+    runs = done(folder)
+    runs = needed(runs[runs["group"].isin(DRIVES)], "a run that is done")
+    curves = records(folder, runs, *PANELS).merge(runs[["run", "group"]], on="run")
     fig = figure(4.6)
     axes = fig.subplots(3, 1, sharex=True, height_ratios=(1.6, 1, 1))
     end = float(curves["time"].max())
@@ -36,6 +37,8 @@ def make() -> Figure:
         colour, dash, mark = LOOKS[drive]
         rows = curves[curves["group"] == drive]
         number = rows["run"].nunique()
+        if not number:
+            continue
         for ax, (column, (_, reported)) in zip(axes, PANELS.items(), strict=True):
             # Of the per cent only runs with an attached tile count: none has none of it.
             at = rows.groupby("time")[column].agg(["mean", "std"]).dropna(subset=["mean"])
@@ -63,6 +66,5 @@ def make() -> Figure:
                      arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.1})
     axes[-1].set_xlabel("time (s)")
     fig.align_ylabels(list(axes))
-    fig.legend(handles=[handles[0], handles[2], handles[1], handles[3]], ncols=2,
-               loc="outside upper center")
+    fig.legend(handles=[*handles[::2], *handles[1::2]], ncols=2, loc="outside upper center")
     return fig

@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import tbsa
-from figures._data import CALIBRATION, done
+from figures._data import CALIBRATION, done, needed
 from figures.style import ORANGE, figure
-from paper_runs.tables import HERE
+from paper_runs.tables import HERE, given
 
 DATA = (CALIBRATION / "table.csv",)
+GROUPS = ("map-unicycle", "map-shaking")
 FLOORS = {"separate": "separate floor friction", "coupled": "coupled floor friction"}
 COLOURS = matplotlib.colormaps["Blues"].resampled(256)
 
@@ -24,13 +25,16 @@ def make() -> Figure:
 
     The force and torque of the paper's scenes here are framed.
     """
-    table = done(DATA[0].parent)
-    unicycle = table[table["group"] == "map-unicycle"]
-    shaking = table[table["group"] == "map-shaking"]
+    folder = DATA[0].parent
+    table = done(folder)
+    table = given(table[table["group"].isin(GROUPS)], folder, "floor.law", "drive.force")
+    unicycle = given(table[table["group"] == GROUPS[0]], folder, "drive.torque")
+    shaking = table[table["group"] == GROUPS[1]]
     scene = tbsa.load(HERE / "self_stabilizing.toml")
     chosen = scene.floor.law, scene.drive.force, scene.drive.torque
     largest = float(pd.concat([unicycle, shaking])["size"].max())
     forces = sorted(set(table["drive.force"]))  # the panels share their columns
+    needed(unicycle[unicycle["floor.law"].isin(FLOORS)], "a run of the group map-unicycle")
     laws = [law for law in FLOORS if law in set(unicycle["floor.law"])]
     fig = figure(1.0 + 1.75 * len(laws))
     axes = fig.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]

@@ -9,9 +9,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures._data import CAMPAIGN, DRIVES, LOOKS, MORE_TILES, done
+from figures._data import CAMPAIGN, DRIVES, LOOKS, MORE_TILES, done, needed
 from figures.style import GREY, figure
-from paper_runs.tables import curves
+from paper_runs.tables import curves, given
 
 DATA = (MORE_TILES / "table.csv", MORE_TILES / "curves.csv")
 PAPER = 550
@@ -22,12 +22,12 @@ LINES: dict[int, Any] = {PAPER: (0, (1, 1.2)), 1000: (0, (4, 1.5)), 2000: "-"}
 def make() -> Figure:
     """A panel a drive: mean size against time for each number of free tiles, and its range."""
     folder = DATA[0].parent
-    table = done(folder)
+    table = given(needed(done(folder), "a run that is done"), folder, *COUNTS)
     table = table.assign(free=table[COUNTS].sum(axis=1).astype(int))
     parts: list[tuple[int, Path, pd.DataFrame]] = [
         (number, folder, rows) for number, rows in table.groupby("free")]
-    if all((CAMPAIGN / path.name).exists() for path in DATA):
-        parts.insert(0, (PAPER, CAMPAIGN, done(CAMPAIGN)))
+    if all((CAMPAIGN / path.name).exists() for path in DATA) and len(rows := done(CAMPAIGN)):
+        parts.insert(0, (PAPER, CAMPAIGN, rows))
     fig = figure(3.8)
     axes = fig.subplots(len(DRIVES), 1, sharex=True, height_ratios=(1.7, 1))
     for ax, (drive, label) in zip(axes, DRIVES.items(), strict=True):

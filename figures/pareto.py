@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
+from figures._data import results
 from figures.style import BLUE, GREY, ORANGE, figure
 
 RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
@@ -27,7 +27,7 @@ ENGINES = {"tbsa": (BLUE, "o", "tbsa"), "box2d": (ORANGE, "s", "Box2D"),
 
 def newest(path: Path) -> list[dict[str, Any]]:
     """Rows of the newest version in a file of results."""
-    versions = json.loads(path.read_text())
+    versions = results(path)
     rows: list[dict[str, Any]] = versions[max(versions, key=lambda v: tuple(
         int(part) for part in v.split(".") if part.isdigit()))]
     return rows

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 import tbsa
-from figures._data import CAMPAIGN, DRIVES
+from figures._data import CAMPAIGN, DRIVES, Missing
 from figures.style import figure
+from paper_runs.tables import load
 from tbsa.work.draw import MARKS
 
 DATA = (CAMPAIGN / "table.csv", *(CAMPAIGN / "runs" / group for group in DRIVES))
@@ -53,11 +53,11 @@ def first_run(folder: Path, group: str) -> Path:
 
     Raises
     ------
-    FileNotFoundError
+    Missing
         Where none is.
     """
-    table = pd.read_csv(folder / "table.csv")
+    table = load(folder)
     for run in table[table["group"] == group]["run"]:
         if (folder / "runs" / run / "records.npy").exists():
             return folder / "runs" / run
-    raise FileNotFoundError(f"no run of {group} is kept in {folder}")
+    raise Missing(f"records: no run of {group} is kept in {folder}")

@@ -45,7 +45,7 @@ import pandas as pd
 from paper_runs.intervals import difference, mean, number, percent
 from paper_runs.merit import growth
 from paper_runs.paper import DURATION, END, SELF, SHAKING, STEADY
-from paper_runs.tables import DATA, HERE, against_plan, fields, load, markdown
+from paper_runs.tables import DATA, HERE, against_plan, fields, given, load, markdown
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
 from tbsa.work.plan import read_plan
@@ -129,7 +129,10 @@ def point(folder: Path, rows: pd.DataFrame) -> Point:
 
 def points(folder: Path, table: pd.DataFrame) -> dict[tuple[str, ...], Point]:
     """The points of maps or finals, by drive, law, force and torque (none of shaking)."""
-    ended = table[table["status"] == "done"]
+    ended = given(table[table["status"] == "done"], folder, LAW, FORCE, "off_lattice")
+    if ended.empty:
+        return {}
+    given(ended[ended["drive"] == SELF], folder, TORQUE)
     found = {}
     for (law, force), rows in ended.groupby([LAW, FORCE]):
         for torque, some in rows[rows["drive"] == SELF].groupby(TORQUE):

@@ -7,7 +7,8 @@ A campaign can be done in parts, over days and on several machines, each in a fo
 every call adds to paper_runs/data/NAME the rows of the runs that are done, or that failed, and
 `tbsa campaign ... --except paper_runs/data/NAME/table.csv` leaves out those that are done.  Parts
 must be of one version, and of one setting for each of their groups.  A run that is kept stays as
-it is.
+it is.  While a campaign goes on its table can be newer than its curves: a run whose curve or wall
+time is not there to the end is left for the next call.
 
 With --group some records of the group's first run are kept too, of each of its scenes.  What is
 kept is laid out as a campaign's folder, so that the figures read either.  It cannot be resumed.
@@ -18,6 +19,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import math
 import shutil
 import sys
 from collections.abc import Iterable, Sequence
@@ -26,41 +28,44 @@ from pathlib import Path
 import numpy as np
 
 import tbsa
-from paper_runs.tables import DATA
+from paper_runs.tables import DATA, Row, read
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
 
-Row = dict[str, str]
-KEPT = ("done", "failed")
 NEEDED = ("run", "group", "scene", "seed", "duration", "fingerprint", "settings", "version",
-          "status")
+          "status", "message")
 EMPTY = {"table": NEEDED, "curves": ("run", "time"), "wall": ("run", "wall", "time")}
+KEYS = {"table": ("run",), "curves": ("run", "time"), "wall": ("run",)}
 
 
 def keep(source: Path, target: Path, groups: Sequence[str], number: int) -> list[Path]:
     """Add the tables of a campaign's runs, and thinned runs; returns what was written."""
-    listed = read(source / "table.csv", NEEDED)
-    new = [row for row in listed if row["status"] in KEPT]
-    old = read(target / "table.csv", NEEDED) if (target / "table.csv").exists() else []
-    before = {row["run"]: row for row in old}
-    taken = {row["run"]: row for row in new
-             if before.get(row["run"], row)["status"] == "failed" or row["run"] not in before}
+    if target.resolve() == source.resolve():
+        raise InputError("must be another folder than the campaign's, whose tables it would "
+                         "replace", file=str(target))
+    new = _tables(source)
+    old = _tables(target) if (target / "table.csv").exists() else {name: [] for name in EMPTY}
+    listed, whole, right = new["table"], _whole(new), _whole(old)
+    before = {row["run"]: row for row in old["table"]}
+    taken = {row["run"]: row for row in listed
+             if (row["run"] in whole and row["run"] not in right) or (
+                 row["status"] == "failed" and before.get(row["run"], row)["status"] == "failed")}
     rows = before | taken
     # In the order of the campaign's file, which the source's table lists in full.
     order = dict.fromkeys([*(row["run"] for row in listed if row["run"] in rows), *rows])
     _one_provenance([rows[run] for run in order], source, target)
 
     chosen = [(row["run"], source / "runs" / row["run"])
-              for row in _first(rows.values(), listed, groups, source, target)]
+              for row in _first(rows.values(), [row for row in listed if row["run"] in rows],
+                                groups, source, target)]
     ended = {run for run, row in taken.items() if row["status"] == "done"}
     files = {}
     for name in ("curves", "wall"):
-        kept = target / f"{name}.csv"
         parts: dict[str, list[Row]] = {}
-        for row in read(kept) if kept.exists() else []:
+        for row in old[name]:
             if row["run"] not in ended:
                 parts.setdefault(row["run"], []).append(row)
-        for row in read(source / f"{name}.csv"):
+        for row in new[name]:
             if row["run"] in ended:
                 parts.setdefault(row["run"], []).append(row)
         files[name] = [row for run in order for row in parts.get(run, [])
@@ -77,20 +82,32 @@ def keep(source: Path, target: Path, groups: Sequence[str], number: int) -> list
     return written
 
 
-def read(path: Path, needed: Sequence[str] = ("run",)) -> list[Row]:
-    """The rows of a table, as text: what is kept is kept to the bit."""
+def _tables(folder: Path) -> dict[str, list[Row]]:
+    """The three tables, as text: what is kept is kept to the bit.
+
+    In the order in which a campaign that goes on writes them: what is read later may be newer, or
+    of before it wrote the first.
+    """
+    return {name: read(folder / f"{name}.csv", EMPTY[name], KEYS[name]) for name in EMPTY}
+
+
+def _whole(tables: dict[str, list[Row]]) -> set[str]:
+    """The runs that are done and whose curve and wall time are there to the end."""
+    def ends(name: str) -> dict[str, float]:
+        return {row["run"]: _number(row["time"]) for row in tables[name]}
+
+    ended = {row["run"]: _number(row.get("time", "")) for row in tables["table"]
+             if row["status"] == "done"}
+    curve, wall = ends("curves"), ends("wall")
+    return {run for run, time in ended.items()
+            if curve.get(run) == time and wall.get(run, -math.inf) >= time}
+
+
+def _number(text: str) -> float:
     try:
-        with open(path, newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"must be a table of a campaign: {reason}", file=str(path)) from None
-    for name in needed:
-        if name not in (reader.fieldnames or ()):
-            raise InputError("is not there; must be a column, as in the tables of a campaign",
-                             file=str(path), field=name)
-    return rows
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _first(kept: Iterable[Row], listed: Iterable[Row], groups: Sequence[str], source: Path,
@@ -183,11 +200,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InputError, OSError) as error:
         print(f"keep: {error}", file=sys.stderr)
         return 2
-    statuses = [row["status"] for row in read(target / "table.csv")]
+    ended = {row["run"]: row["status"] == "done" for row in read(target / "table.csv")}
+    left = sum(row["status"] == "done" and not ended.get(row["run"])
+               for row in read(arguments.source / "table.csv"))
     size = sum(path.stat().st_size for path in target.rglob("*") if path.is_file())
     print(f"{', '.join(map(str, written))}")
-    print(f"{statuses.count('done')} runs done, {statuses.count('failed')} failed, "
+    print(f"{sum(ended.values())} runs done, {len(ended) - sum(ended.values())} failed, "
           f"{size / 1e6:.2f} MB")
+    if left:
+        print(f"{left} more are done, but without a curve and a wall time yet: keep again later")
     return 0
 
 

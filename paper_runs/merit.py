@@ -21,26 +21,27 @@ import pandas as pd
 from paper_runs import paper
 from paper_runs.intervals import (
     Estimate,
-    bootstrap,
-    difference,
     mean,
     number,
     percent,
+    percent_difference,
+    ratio,
     share,
     slopes,
 )
 from paper_runs.paper import DURATION, END, RUNS, SELF, SHAKING, Figure
-from paper_runs.tables import against_plan, command, curves, load, markdown
+from paper_runs.tables import against_plan, command, curves, load, markdown, walls
 
 Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
 HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
-RULES = f"""Intervals are over runs. Sizes and slopes: Student's t; differences: Welch's. Errors and
-holes are means over runs of per cent of each run's size, by bootstrap over runs if at least ten of
-them have any, else from the Poisson interval of the counts of all runs; the share of runs that
-have any stands below, with its exact binomial interval. *Still growing*: the slope of size
-over the last third of the run, a straight line through each run's records, is above zero.
-*Decreasing rate*: it is below that of the second third. *Saturated*: what the slope adds over the
-last third is within {paper.STEADY:g} % of the mean end size."""
+RULES = f"""Intervals are over runs. Sizes and slopes: Student's t; their ratio: Fieller's.
+Errors and holes are means over runs of per cent of each run's size, by bootstrap over runs if at
+least ten of them have any, else from the Poisson interval of the counts of all runs; their
+differences: Newcombe's, from the intervals of the two. The share of runs that have any stands
+below, with its exact binomial interval. What is above or below a number is not equal to it. *Still
+growing*: the slope of size over the last third of the run, a straight line through each run's
+records, is above zero. *Decreasing rate*: it is below that of the second third. *Saturated*: what
+the slope adds over the last third is within {paper.STEADY:g} % of the mean end size."""
 
 
 def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]]:
@@ -63,24 +64,18 @@ def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]
             found.append((f"{drive}: saturated (gain over the last third)", paper.SATURATED,
                           mean(gain), "%"))
     ours, theirs = drives[SELF], drives[SHAKING]
-    ratio = END[SELF]["size"].value / END[SHAKING]["size"].value
+    least = END[SELF]["size"].value / END[SHAKING]["size"].value
     found += [
-        ("size, self-stabilizing over shaking", Figure(f"more than {ratio:.1f}", ratio, ratio,
+        ("size, self-stabilizing over shaking", Figure(f"more than {least:.1f}", least, least,
                                                        math.inf),
-         bootstrap([ours["size"], theirs["size"]], _ratio), ""),
+         ratio(ours["size"], theirs["size"]), ""),
         ("errors, self-stabilizing less shaking", paper.LESS,
-         difference(_percent(ours, "errors"), _percent(theirs, "errors")), "points"),
+         percent_difference(*((each["errors"], each["size"]) for each in (ours, theirs))),
+         "points"),
         ("holes, self-stabilizing less shaking", paper.MORE,
-         difference(_percent(ours, "holes"), _percent(theirs, "holes")), "points")]
+         percent_difference(*((each["holes"], each["size"]) for each in (ours, theirs))),
+         "points")]
     return found
-
-
-def _ratio(a: np.ndarray, b: np.ndarray) -> float:
-    return float(a.mean() / b.mean()) if b.any() else math.nan
-
-
-def _percent(table: pd.DataFrame, name: str) -> pd.Series[float]:
-    return 100.0 * table[name] / table["size"].where(table["size"] > 0)
 
 
 def growth(folder: Path, table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -119,10 +114,7 @@ def _beside(drives: Drives) -> list[str]:
 
 
 def _walls(folder: Path, drives: Drives) -> list[str]:
-    path = folder / "wall.csv"
-    if not path.exists():
-        return []
-    wall = pd.read_csv(path).set_index("run")["wall"]
+    wall = walls(folder)
     hours = {drive: float(wall.reindex(table["run"]).sum()) / 3600.0
              for drive, table in drives.items()}
     total = sum(hours.values())

@@ -19,7 +19,10 @@ STEADY = 10.0  # per cent of the size, over the last third: what still counts as
 
 
 class Figure(NamedTuple):
-    """One figure of merit: as printed, its number, and the range that it stands for."""
+    """One figure of merit: as printed, its number, and the range that it stands for.
+
+    A range that is open to one side is what lies above or below its other end, without this.
+    """
 
     text: str
     value: float
@@ -30,14 +33,23 @@ class Figure(NamedTuple):
         """"reached" if our interval lies inside the range, "not reached" if outside."""
         if math.isnan(ours.value):
             return "no data"
-        inside = self.low <= ours.value <= self.high
+        where = "inside" if self._holds(ours.value) else "outside"
         if math.isnan(ours.low):
-            return f"one run only, {'inside' if inside else 'outside'}"
-        if self.low <= ours.low and ours.high <= self.high:
+            return f"one run only, {where}" if ours.n == 1 else "open, there is no interval"
+        if self._holds(ours.low) and self._holds(ours.high):
             return "reached"
-        if ours.high < self.low or ours.low > self.high:
+        if ours.high < self.low or ours.low > self.high or (
+                ours.low == ours.high and not self._holds(ours.low)):
             return "not reached"
-        return f"open, our mean is {'inside' if inside else 'outside'}"
+        if math.isinf(ours.high):
+            return "open, the interval is unbounded"
+        return f"open, our mean is {where}"
+
+    def _holds(self, value: float) -> bool:
+        """Whether a value lies in the range."""
+        beyond = (value == self.low and math.isinf(self.high)) or (
+            value == self.high and math.isinf(self.low))
+        return self.low <= value <= self.high and not beyond
 
 
 END = {  # at 3600 s, by drive and column of the tables

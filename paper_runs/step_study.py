@@ -16,8 +16,7 @@ from pathlib import Path
 import pandas as pd
 
 from paper_runs.intervals import Estimate, difference, mean, number
-from paper_runs.tables import against_plan, command, load, markdown
-from tbsa.errors import InputError
+from paper_runs.tables import against_plan, command, given, load, markdown
 
 STEP = "solver.step"
 NARROW = 10.0  # per cent of the mean, to either side
@@ -64,11 +63,8 @@ def judged(part: Estimate) -> tuple[str, str, str]:
 def report(folder: Path, plan: Path) -> str:
     """The study in Markdown."""
     table = load(folder)
-    if STEP not in table:
-        raise InputError("is not there; must be a column: the campaign varies the step",
-                         file=str(folder / "table.csv"), field=STEP)
     state, _ = against_plan(plan, table)
-    ended = table[table["status"] == "done"]
+    ended = given(table[table["status"] == "done"], folder, STEP)
     sizes, verdicts = study(ended)
     times = ", ".join(f"{each:g}" for each in sorted(set(ended["duration"])))
     return "\n".join(["# End sizes and the step", "", *state, "",

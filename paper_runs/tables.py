@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +19,99 @@ from tbsa.work.plan import Planned, read_plan
 
 HERE = Path(__file__).parent
 DATA = HERE / "data"
-METRICS = ("size", "errors", "errors_percent", "holes", "holes_percent", "time")
+Row = dict[str, str]
+NEEDED = ("run", "group", "scene", "seed", "duration", "fingerprint", "status", "message")
+TEXTS = ("run", "group", "scene", "status", "fingerprint")
+STATUSES = ("done", "failed", "stopped", "waiting")
+COUNTS = ("size", "errors", "holes")  # of every run that is done
+PERCENT = ("errors_percent", "holes_percent")  # none where nothing is attached
+POSITIVE = ("duration", "solver.step")
+NUMBERS = (*POSITIVE, *COUNTS, *PERCENT, "off_lattice", "time")  # from 0, where they are given
+
+
+def read(path: Path, needed: Sequence[str] = ("run",), key: Sequence[str] = ("run",)) -> list[Row]:
+    """The rows of a table, as text; each has a value for every column, and a key of its own.
+
+    Raises
+    ------
+    InputError
+        Where there is no such table.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            reader = csv.reader(file)
+            lines = [(reader.line_num, line) for line in reader if line]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"must be the table of a campaign: {reason}", file=str(path)) from None
+    if not lines:
+        raise InputError("must be the table of a campaign: it is empty", file=str(path))
+    names = lines.pop(0)[1]
+    for name in (*needed, *key):
+        if names.count(name) != 1:
+            raise InputError("must be a column, once, as in the tables of a campaign",
+                             file=str(path), field=name)
+    rows, first = [], {}
+    for number, line in lines:
+        if len(line) != len(names):
+            raise InputError(f"must have {len(names)} values, one for each column, has "
+                             f"{len(line)}", file=str(path), field=f"line {number}")
+        row = dict(zip(names, line, strict=True))
+        mine = tuple(row[name] for name in key)
+        if first.setdefault(mine, number) != number:
+            raise InputError(f"must be there once: also in line {first[mine]}", file=str(path),
+                             field=f"line {number}, {' and '.join(key)}", value=", ".join(mine))
+        rows.append(row)
+    return rows
+
+
+def typed(rows: Sequence[Row], columns: Sequence[str]) -> pd.DataFrame:
+    """Columns of a table: numbers or truth values where all are, blanks as not a number."""
+    def values(name: str) -> pd.Series[Any]:
+        column = pd.Series([row[name] for row in rows], dtype=object)
+        known = column[column != ""]
+        if name not in TEXTS and known.isin(["True", "False"]).all() and len(known):
+            return column.map({"True": True, "False": False})
+        try:
+            found = known if name in TEXTS else pd.to_numeric(known)
+        except ValueError:
+            found = known
+        return found.reindex(column.index) if len(known) else column.map(lambda _: np.nan)
+
+    return pd.DataFrame({name: values(name) for name in columns}, columns=list(columns))
+
+
+def check(table: pd.DataFrame, path: Path, name: str, least: float = 0.0) -> None:
+    """Refuse what is not a number from `least`, or above it where it must be positive."""
+    values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
+    positive = name in POSITIVE
+    right = np.isfinite(values) & ((values > least) if positive else (values >= least))
+    if right.all():
+        return
+    k = int(np.argmin(right))
+    what = "" if least == -np.inf else f" {'above' if positive else 'from'} {least:g}"
+    value = table[name].iloc[k]
+    raise InputError(f"must be a number{what}", file=str(path),
+                     field=f"{name} of {table['run'].iloc[k]}",
+                     value="" if pd.isna(value) else getattr(value, "item", lambda: value)())
+
+
+def given(rows: pd.DataFrame, folder: Path, *names: str) -> pd.DataFrame:
+    """The rows of a campaign's table, in each of which these columns must have a value.
+
+    Those of the drive and of free tiles must be numbers.
+    """
+    path = folder / "table.csv"
+    for name in names if len(rows) else ():
+        if name not in rows:
+            raise InputError("is not there; must be a column", file=str(path), field=name)
+        if rows[name].isna().any():
+            raise InputError("must not be blank", file=str(path),
+                             field=f"{name} of {rows['run'][rows[name].isna()].iloc[0]}")
+        if name.startswith(("drive.", "free.")):
+            check(rows, path, name, -np.inf)
+            rows = rows.assign(**{name: pd.to_numeric(rows[name])})
+    return rows
 
 
 def load(folder: Path) -> pd.DataFrame:
@@ -26,23 +120,28 @@ def load(folder: Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        Where there is none.
+        Where there is none, or one that is damaged; runs that are done have their counts.
     """
     path = folder / "table.csv"
-    try:
-        table = pd.read_csv(path)
-    except OSError as error:
-        raise InputError(f"must be the table of a campaign: {error.strerror}",
-                         file=str(path)) from None
-    except ValueError as error:
-        raise InputError(f"must be the table of a campaign: {error}", file=str(path)) from None
-    for name in ("run", "group", "scene", "seed", "status", "duration", "fingerprint"):
+    rows = read(path, NEEDED)
+    table = typed(rows, list(rows[0]) if rows else NEEDED)
+    for name in TEXTS:
+        given(table, folder, name)
+    odd = table[~table["status"].isin(STATUSES)]
+    if len(odd):
+        raise InputError(f"must be one of {', '.join(STATUSES)}", file=str(path),
+                         field=f"status of {odd['run'].iloc[0]}", value=odd["status"].iloc[0])
+    ended = table[table["status"] == "done"]
+    given(table, folder, "duration")
+    given(ended, folder, *COUNTS)
+    for name in NUMBERS:
+        if name in table:
+            check(table[table[name].notna()], path, name)
+    for name in (*COUNTS, *PERCENT, "time"):  # where no run is done
         if name not in table:
-            raise InputError(f"has no column {name!r}: not the table of a campaign",
-                             file=str(path))
-    for name in METRICS:  # where no run is done
-        if name not in table:
+            given(ended, folder, name)
             table[name] = np.nan
+    table["message"] = table["message"].astype(object).fillna("")
     table["drive"] = table["scene"].map(lambda scene: SCENES.get(Path(scene).name, scene))
     return table
 
@@ -59,17 +158,47 @@ def fields(table: pd.DataFrame) -> list[str]:
     return names[names.index("scene") + 1 : names.index("seed")]
 
 
+def records(folder: Path, rows: pd.DataFrame, *columns: str) -> pd.DataFrame:
+    """Metrics of some runs at all their times, from curves.csv: columns run, time, `columns`.
+
+    Raises
+    ------
+    InputError
+        Where one of the runs is not there, or a value is no number.
+    """
+    path, names = folder / "curves.csv", ("run", "time", *columns)
+    table = typed(read(path, names, ("run", "time")), names)
+    lacking = rows["run"][~rows["run"].isin(table["run"])]
+    if len(lacking):
+        raise InputError("is not there; must be, as it is done in table.csv", file=str(path),
+                         field="run", value=lacking.iloc[0])
+    table = table[table["run"].isin(rows["run"])].reset_index(drop=True)
+    for name in names[1:]:
+        check(table[table[name].notna()] if name in PERCENT else table, path, name, -np.inf)
+    return table
+
+
 def curves(folder: Path, rows: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray]:
     """One metric of some runs against time: times [k] (s), values [n, k] in the order of `rows`.
 
-    The times are those that all of them have.
+    The times are those that all of them have; there must be one.
     """
-    table = pd.read_csv(folder / "curves.csv", usecols=["run", "time", column])
-    table = table[table["run"].isin(rows["run"])]
+    table = records(folder, rows, column)
     number = table.groupby("time")["run"].count()
     times = number.index[number == len(rows)]
+    if not len(times):
+        raise InputError("must be in common to the runs: there is none that all have",
+                         file=str(folder / "curves.csv"), field="time")
     wide = table[table["time"].isin(times)].pivot(index="run", columns="time", values=column)
     return times.to_numpy(dtype=float), wide.reindex(rows["run"]).to_numpy(dtype=float)
+
+
+def walls(folder: Path) -> pd.Series[Any]:
+    """The wall time of runs (s), by their names; of none where it was not kept."""
+    path = folder / "wall.csv"
+    table = typed(read(path, ("wall",)) if path.exists() else [], ("run", "wall"))
+    check(table, path, "wall")
+    return table.set_index("run")["wall"]
 
 
 def against_plan(file: Path, table: pd.DataFrame) -> tuple[list[str], list[Planned]]:

@@ -17,13 +17,14 @@ from synthetic import ending, tables
 from test_campaign import CAMPAIGN, SCENE, SHAKING
 
 import tbsa
-from figures import elsewhere, events, families, frequency, more_tiles, style
+from figures import elsewhere, events, families, frequency, growth, more_tiles, style
 from figures import maps as maps_figure
+from figures.__main__ import main as make_figures
 from paper_runs import calibrate, intervals, keep, merit, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
-from paper_runs.paper import DURATION, SELF
+from paper_runs.paper import DURATION, LESS, MORE, SELF
 from paper_runs.paper import SHAKING as SHAKEN
-from paper_runs.tables import HERE, against_plan, load
+from paper_runs.tables import HERE, against_plan, load, read
 from tbsa.model.layout import initial_layout
 from tbsa.model.scene import Run
 from tbsa.model.tiles import check, ground_truth
@@ -182,6 +183,64 @@ def test_the_interval_of_a_difference_is_welchs():
     found = intervals.difference(a, b)
     assert (found.low, found.high) == pytest.approx((reference.low, reference.high), rel=1e-12)
     assert intervals.difference([1.0, 1.0], [0.0, 0.0])[:3] == (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 12])
+def test_the_interval_of_a_ratio_of_few_runs_covers_it_as_often_as_it_says(n):
+    random, trials = np.random.default_rng(6), 1500
+    held = 0
+    for _ in range(trials):
+        found = intervals.ratio(random.normal(140, 25, n), random.normal(35, 9, n))
+        held += found.low <= 4.0 <= found.high
+    assert 0.935 * trials <= held <= 0.985 * trials
+
+
+def test_the_interval_of_a_ratio_is_fiellers():
+    """Its ends are the ratios that Welch's test just tells from ours; of n = 30 all but so."""
+    random = np.random.default_rng(7)
+    a, b = random.normal(140, 20, 30), random.normal(35, 5, 30)
+    found = intervals.ratio(a, b)
+    for end in (found.low, found.high):
+        assert stats.ttest_ind(a, end * b, equal_var=False).pvalue == pytest.approx(0.05, abs=1e-3)
+    assert intervals.ratio([4.0, 4.0], [2.0, 2.0])[:3] == (2.0, 2.0, 2.0)
+    assert intervals.ratio([140, 141, 143], [0, 0, 40])[1:] == (0.0, math.inf, 3)
+    assert math.isnan(intervals.ratio([140.0, 141.0], [0.0, 0.0]).value)
+    assert math.isnan(intervals.ratio([140.0], [35.0]).low)
+
+
+def test_the_interval_of_a_difference_of_rare_counts_is_as_wide_as_theirs():
+    ours, theirs = ([0] * 36, [140] * 36), ([0] * 36, [36] * 36)
+    found = intervals.percent_difference(ours, theirs)
+    assert found[:3] == pytest.approx(
+        (0.0, -intervals.percent(*theirs).high, intervals.percent(*ours).high))
+    some = ([1, 0, 0, 1], [50] * 4)
+    a, b = intervals.percent(*some), intervals.percent(*theirs)
+    found = intervals.percent_difference(some, theirs)
+    assert found.low == pytest.approx(a.value - math.hypot(a.value - a.low, b.high))
+    assert found.high == pytest.approx(a.high)
+    assert math.isnan(intervals.percent_difference(ours, ([0], [0])).value)
+
+
+def test_the_interval_of_a_difference_of_rare_counts_covers_it_as_often_as_it_says():
+    random, trials = np.random.default_rng(8), 500
+    held = 0
+    for _ in range(trials):
+        a, b = random.poisson(0.05, 20), random.poisson(0.02, 20)
+        found = intervals.percent_difference((a, np.full(20, 100)), (b, np.full(20, 50)))
+        held += found.low <= 0.05 - 0.04 <= found.high
+    assert held >= 0.94 * trials
+
+
+@pytest.mark.parametrize(("figure", "ends", "verdict"), [
+    (MORE, (0.0, 0.0, 0.0), "not reached"), (LESS, (0.0, 0.0, 0.0), "not reached"),
+    (MORE, (1.0, 0.0, 2.0), "open, our mean is inside"),
+    (LESS, (-1.0, -2.0, 0.0), "open, our mean is inside"),
+    (MORE, (-1.0, -2.0, 0.0), "open, our mean is outside"),
+    (MORE, (2.0, 1.0, math.inf), "reached"), (LESS, (-2.0, -3.0, -1.0), "reached"),
+    (MORE, (2.0, 0.0, math.inf), "open, the interval is unbounded"),
+    (MORE, (2.0, math.nan, math.nan), "open, there is no interval")])
+def test_zero_is_neither_above_nor_below_zero(figure, ends, verdict):
+    assert figure.verdict(intervals.Estimate(*ends, 3)) == verdict
 
 
 def test_of_nothing_in_many_runs_the_bound_is_that_of_a_poisson_count():
@@ -486,6 +545,30 @@ def test_what_is_not_reached_is_said(tmp_path, ours, theirs, what, verdict):
     assert merits(tmp_path)[what][0] == verdict
 
 
+def test_without_any_difference_none_is_found(tmp_path):
+    tables(HERE / "campaign.toml", tmp_path,
+           lambda each: ending(each, 100 + each.scene.run.seed % 3))
+    found = merits(tmp_path)
+    for what in ("errors", "holes"):
+        verdict, ours = found[f"{what}, self-stabilizing less shaking"]
+        assert ours.low < 0.0 < ours.high
+        assert verdict == "open, our mean is outside"
+    for what in ("still growing (slope, tiles in 1000 s)", "growth slows down (change of slope)"):
+        assert found[f"self-stabilizing: {what}"][0] == "not reached"
+
+
+def test_a_ratio_to_sizes_that_may_be_none_has_no_bound(tmp_path):
+    def metrics(each):
+        if each.scene.run.seed > 3:
+            return None
+        return ending(each, 140 + each.scene.run.seed if each.group == SELF else (
+            40.0 * (each.scene.run.seed == 3)))
+
+    tables(HERE / "campaign.toml", tmp_path, metrics)
+    assert merits(tmp_path)["size, self-stabilizing over shaking"][0] == (
+        "open, the interval is unbounded")
+
+
 def test_merit_works_with_some_of_the_runs_and_says_what_is_missing(tmp_path, capsys):
     tables(HERE / "campaign.toml", tmp_path / "runs",
            lambda each: like_the_paper(each) if each.scene.run.seed < 3 else None)
@@ -531,6 +614,112 @@ def test_what_is_no_data_is_refused(tmp_path, capsys):
         assert "table.csv: must be the table of a campaign" in capsys.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The tables of three campaigns like the paper's, in folders of their names."""
+    home = tmp_path_factory.mktemp("whole")
+    tables(HERE / "campaign.toml", home / "campaign", like_the_paper)
+    tables(HERE / "step.toml", home / "step", stepped(0.0, 5.0))
+    tables(HERE / "calibration.toml", home / "calibration", mapped())
+    return home
+
+
+def column(name, value=None, row=1):
+    """A change of a table: one value of a column, or the column gone."""
+    def change(frame):
+        if value is None:
+            return frame.drop(columns=name)
+        frame[name] = frame[name].astype(object)
+        frame.loc[row, name] = value
+        return frame
+    return change
+
+
+def said(command, data, out, capsys):
+    """What a command says of data that it cannot read: one line, code 2, and nothing written."""
+    part = {calibrate: "", merit: "campaign", step_study: "step"}[command]
+    assert command.main(["--data", str(data / part), "--out", str(out)]) == 2
+    assert not out.exists()
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    return output.err
+
+
+@pytest.mark.parametrize(("command", "file", "change", "words"), [
+    (merit, "campaign/table", column("message"), "message: must be a column"),
+    (merit, "campaign/table", column("scene", ""), "scene of self-stabilizing/"),
+    (merit, "campaign/table", column("size", "many"), "'many' must be a number from 0"),
+    (merit, "campaign/table", column("size", ""), "must not be blank"),
+    (merit, "campaign/table", column("errors", math.inf), "must be a number from 0"),
+    (merit, "campaign/table", column("holes"), "holes: is not there; must be a column"),
+    (merit, "campaign/table", column("duration", "long"), "'long' must be a number above 0"),
+    (merit, "campaign/table", column("status", "ready"), "must be one of done, failed"),
+    (merit, "campaign/table", lambda frame: pd.concat([frame, frame[:1]]), "must be there once"),
+    (merit, "campaign/curves", lambda frame: frame[frame["run"] != frame["run"].iloc[0]],
+     "run: 'self-stabilizing/"),
+    (merit, "campaign/curves", lambda frame: frame[:0], "is not there; must be, as it is done"),
+    (merit, "campaign/curves", column("size"), "size: must be a column"),
+    (merit, "campaign/curves", column("size", "x"), "'x' must be a number"),
+    (merit, "campaign/curves", column("time", ""), "'' must be a number"),
+    (merit, "campaign/curves", lambda frame: pd.concat([frame, frame[:1]]), "must be there once"),
+    (merit, "campaign/wall", column("wall"), "wall: must be a column"),
+    (merit, "campaign/wall", column("wall", "x"), "'x' must be a number from 0"),
+    (merit, "campaign/wall", lambda frame: pd.concat([frame, frame[:1]]), "must be there once"),
+    (step_study, "step/table", column("solver.step"), "solver.step: is not there"),
+    (step_study, "step/table", column("solver.step", 0), "0 must be a number above 0"),
+    (step_study, "step/table", column("solver.step", "x"), "'x' must be a number above 0"),
+    (step_study, "step/table", column("solver.step", ""), "must not be blank"),
+    (calibrate, "calibration/table", column("drive.torque"), "drive.torque: is not there"),
+    (calibrate, "calibration/table", column("floor.law"), "floor.law: is not there"),
+    (calibrate, "calibration/table", column("off_lattice"), "off_lattice: is not there"),
+    (calibrate, "calibration/table", column("drive.force", "x"), "'x' must be a number"),
+    (calibrate, "calibration/table", column("size", ""), "must not be blank"),
+    (calibrate, "calibration/table", column("errors", ""), "must not be blank")])
+def test_damaged_tables_are_refused_in_one_line(whole, tmp_path, capsys, command, file, change,
+                                                words):
+    shutil.copytree(whole, tmp_path / "data")
+    path = tmp_path / "data" / f"{file}.csv"
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    line = said(command, tmp_path / "data", tmp_path / "out.md", capsys)
+    assert f"{path}: " in line
+    assert words in line
+
+
+@pytest.mark.parametrize("name", ["table", "curves", "wall"])
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "is empty"), ("not a table\n", "must be a column"),
+    ("run,run,time\n", "must be a column"), (b"\xff\xfe", "codec"),
+    ("{head}\n1,2\n", "line 2: must have"), ("{head}\n{head},1,2\n", "line 2: must have")])
+def test_what_is_no_table_is_refused_in_one_line(whole, tmp_path, capsys, name, text, words):
+    shutil.copytree(whole, tmp_path / "data")
+    path = tmp_path / "data" / "campaign" / f"{name}.csv"
+    head = path.read_text().partition("\n")[0]
+    path.write_bytes(text if isinstance(text, bytes) else text.format(head=head).encode())
+    line = said(merit, tmp_path / "data", tmp_path / "out.md", capsys)
+    assert f"{path}: " in line
+    assert words in line
+    if name != "table":
+        return
+    assert keep.main([str(path.parent), str(tmp_path / "kept")]) == 2
+    assert f"keep: {path}: " in capsys.readouterr().err
+    assert not (tmp_path / "kept").exists()
+
+
+def test_a_size_that_is_not_known_does_not_choose_another_setting(whole, tmp_path, capsys):
+    """An assembly of nothing has no percentage, and is far off; a blank is damage."""
+    shutil.copytree(whole, tmp_path / "data")
+    path = tmp_path / "data" / "calibration" / "table.csv"
+    table = pd.read_csv(path)
+    table.loc[3, ["size", "errors", "holes"]] = 0
+    table.loc[3, ["errors_percent", "holes_percent"]] = math.nan
+    table.to_csv(path, index=False)
+    out = tmp_path / "report.md"
+    assert calibrate.main(["--data", str(tmp_path / "data"), "--out", str(out)]) == 0
+    assert "F_mag = 0.06 N, T_mag = 0.001 N m, separate" in out.read_text()
+    capsys.readouterr()
+
+
 # ---------------------------------------------------------------------------------------------
 # The step.
 
@@ -541,7 +730,7 @@ def stepped(shift, spread):
 
     def metrics(each):
         half = each.scene.solver.step < 1 / 180
-        return ending(each, 100 + shift * half + spread * random.standard_normal())
+        return ending(each, max(100 + shift * half + spread * random.standard_normal(), 0.0))
     return metrics
 
 
@@ -701,6 +890,43 @@ def test_parts_of_another_provenance_are_refused(home, capsys, column, value, wo
     assert kept("kept") == before
 
 
+@pytest.mark.parametrize("name", ["curves", "wall"])
+@pytest.mark.parametrize("cut", ["run", "end"])
+def test_while_a_campaign_goes_on_only_runs_with_all_their_curves_are_kept(tmp_path, capsys, name,
+                                                                          cut):
+    """It replaces the table first: then the others are still those of before."""
+    out, to = tmp_path / "out", tmp_path / "kept"
+    table = tables(HERE / "more_tiles.toml", out, lambda each: ending(each, 100))
+    new, late = table["run"][1], (out / f"{name}.csv").read_text()
+    older = [line for line in late.splitlines(keepends=True) if not line.startswith(f"{new},")]
+    if cut == "end":
+        older += [line for line in late.splitlines(keepends=True) if line.startswith(f"{new},")][
+            :-1] if name == "curves" else [f"{new},5.0,100.0\n"]
+    (out / f"{name}.csv").write_text("".join(older))
+    assert keep.main([str(out), str(to)]) == 0
+    assert "1 more are done, but without a curve and a wall time yet" in capsys.readouterr().out
+    assert len(read(to / "table.csv")) == len(table) - 1
+    (out / f"{name}.csv").write_text(late)
+    keep.main([str(out), str(to)])
+    assert "more are done" not in capsys.readouterr().out
+    assert kept(to) == kept(out)
+    (to / f"{name}.csv").write_text("".join(older))  # as an earlier version may have left it
+    keep.main([str(out), str(to)])
+    assert kept(to) == kept(out)
+    assert read(to / "wall.csv") == read(out / "wall.csv")
+
+
+def test_a_campaign_is_not_kept_in_itself(tmp_path, capsys, monkeypatch):
+    tables(HERE / "more_tiles.toml", tmp_path / "out", lambda each: ending(each, 100))
+    before = kept(tmp_path / "out")
+    (tmp_path / "link").symlink_to("out")
+    monkeypatch.chdir(tmp_path)
+    for target in ("out", "link", "out/../out", str(tmp_path / "out")):
+        assert keep.main(["out", target]) == 2
+        assert "must be another folder than the campaign's" in capsys.readouterr().err
+    assert kept(tmp_path / "out") == before
+
+
 def test_the_folder_of_what_is_kept_is_named_as_the_campaign(home, monkeypatch):
     monkeypatch.setattr(keep, "DATA", home / "data")
     do("out")
@@ -842,6 +1068,73 @@ def test_a_map_that_is_done_in_part_shares_the_columns_of_the_other(tmp_path, mo
         assert (left, right) == (-0.5, 9.5)
         assert all(left < text.get_position()[0] < right for text in ax.texts)
     assert sum(text.get_text() == "–" for text in ax.texts) == 7 * 9
+
+
+def rewritten(path, change):
+    change(pd.read_csv(path)).to_csv(path, index=False)
+
+
+def first_groups(*groups):
+    return lambda frame: frame[frame["group"].isin(groups)]
+
+
+@pytest.fixture
+def written(beyond, monkeypatch):
+    """All figures of data read the tests' tables, and write to the tests' folder."""
+    tables(HERE / "calibration.toml", beyond / "calibration", mapped())
+    monkeypatch.setattr(style, "OUTPUT", beyond / "output")
+    monkeypatch.setattr(maps_figure, "DATA", (beyond / "calibration" / "table.csv",))
+    monkeypatch.setattr(growth, "DATA", events.DATA)
+    return beyond
+
+
+@pytest.mark.parametrize(("name", "file", "change", "words"), [
+    ("growth", "campaign/table", lambda frame: frame.assign(status="failed"), "a run that is done"),
+    ("growth", "campaign/curves", lambda frame: frame[:50], "run: "),
+    ("growth", "campaign/curves", lambda frame: frame.assign(errors_percent="x"), "'x' must be"),
+    ("events", "campaign/table", lambda frame: frame[:0], "a run that is done"),
+    ("events", "campaign/curves", lambda frame: frame[frame["run"] != frame["run"].iloc[0]],
+     "run: 'self-stabilizing/"),
+    ("events", "campaign/curves", lambda frame: frame[frame["time"] == 0], "more than one time"),
+    ("maps", "calibration/table", first_groups("map-shaking"), "a run of the group map-unicycle"),
+    ("maps", "calibration/table", lambda frame: frame.assign(status="failed"),
+     "a run of the group map-unicycle"),
+    ("maps", "calibration/table", lambda frame: frame.drop(columns="drive.torque"),
+     "drive.torque: is not there"),
+    ("frequency", "beyond/table", first_groups("square"), "a run of the group frequency"),
+    ("families", "beyond/table", first_groups("square"), "a run of unequal families"),
+    ("more_tiles", "more_tiles/table", lambda frame: frame[:0], "a run that is done"),
+    ("more_tiles", "more_tiles/table", lambda frame: frame.assign(status="ready"), "must be one")])
+def test_a_figure_whose_data_do_not_serve_is_left_out_and_the_others_are_made(
+        written, capsys, name, file, change, words):
+    rewritten(written / f"{file}.csv", change)
+    assert make_figures([name, "tile_set"]) == 1
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"{name}: left out, needs ")
+    assert words in first
+    assert second.startswith("tile_set: ")
+    assert second.endswith("tile_set.png")
+
+
+@pytest.mark.parametrize(("name", "file", "change"), [
+    ("growth", "campaign/table", first_groups(SELF)),
+    ("growth", "campaign/table", first_groups(SHAKEN)),
+    ("events", "campaign/table", first_groups(SHAKEN)),
+    ("maps", "calibration/table", first_groups("map-unicycle")),
+    ("maps", "calibration/table", lambda frame: frame[:1]),
+    ("frequency", "beyond/table", lambda frame: frame[frame["group"] == "frequency"][:1]),
+    ("families", "beyond/table", first_groups("colours-oriented")),
+    ("more_tiles", "campaign/table", lambda frame: frame.assign(status="failed"))])
+def test_a_figure_is_made_of_one_drive_or_of_one_run(written, capsys, name, file, change):
+    rewritten(written / f"{file}.csv", change)
+    assert make_figures([name]) == 0
+    assert capsys.readouterr().out.endswith(f"{name}.png\n")
+
+
+def test_a_figure_that_cannot_be_written_is_said(written, capsys):
+    (written / "output").write_text("a file")
+    assert make_figures(["tile_set"]) == 2
+    assert capsys.readouterr().err.startswith("figures: ")
 
 
 def test_every_new_figure_fits_a_column(beyond):

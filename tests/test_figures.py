@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import import_module
@@ -160,6 +161,30 @@ def test_snapshots_show_both_drives_from_begin_to_end(there, data):
 def test_snapshots_need_a_run_that_was_kept(data):
     with pytest.raises(FileNotFoundError, match="no run of map-shaking is kept"):
         snapshots.first_run(data, "map-shaking")
+
+
+def test_of_one_drive_there_are_no_snapshots_and_that_is_said(there, tmp_path, capsys, monkeypatch):
+    (tmp_path / "shaking").mkdir()
+    table, *_ = snapshots.DATA
+    (tmp_path / "table.csv").write_text("".join(
+        line for line in table.read_text().splitlines(keepends=True)
+        if not line.startswith("shaking/")))
+    monkeypatch.setattr(snapshots, "DATA", (tmp_path / "table.csv", tmp_path / "shaking"))
+    assert main(["snapshots", "maps"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("snapshots: left out, needs records: no run of ")
+    assert lines[1].endswith("maps.png")
+
+
+def test_damaged_records_are_said(there, data, tmp_path, capsys, monkeypatch):
+    shutil.copytree(data, tmp_path / "kept")
+    for path in (tmp_path / "kept").glob("runs/*/*/records.npy"):
+        path.write_bytes(b"")
+    monkeypatch.setattr(snapshots, "DATA", (tmp_path / "kept" / "table.csv",))
+    assert main(["snapshots"]) == 1
+    out = capsys.readouterr().out
+    assert out.startswith("snapshots: left out, needs data that can be read: ")
+    assert out.count("\n") == 1
 
 
 def test_maps_print_the_mean_size_in_every_cell(there, data):

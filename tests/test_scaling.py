@@ -207,6 +207,28 @@ def test_bonds_of_a_block_with_all_pairs(glues, expected):
                                               rel=1e-9)
 
 
+@pytest.mark.parametrize("load", ["inf", "nan", "0", "-1", "1e-13", "1e13"])
+def test_a_load_without_an_answer_is_refused(load, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["scaling", "--load", load])
+    with pytest.raises(SystemExit) as left:
+        scaling.main()
+    assert left.value.code == 2
+    assert "the load must be from 1e-12 to 1e+12 N" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("load", [1e-12, 1e-9, 1e9, 1e12])
+def test_far_loads_have_their_bounds(load, monkeypatch, capsys):
+    law, floor = Law(cutoff=0.03, switch=0.1), scaling.max_force(0.25, 0.016)
+    for reading in scaling.READINGS:
+        n = scaling.bound_all_pairs(reading, load, 0.25, floor, law)
+        if math.isfinite(n):
+            assert n == pytest.approx(
+                reading.bound(scaling.seed_bond(n, law), load, 0.25, floor), rel=1e-9)
+    monkeypatch.setattr("sys.argv", ["scaling", "--load", str(load)])
+    scaling.main()
+    assert " 0.00" not in capsys.readouterr().out
+
+
 def test_a_bound_with_all_pairs_is_met_by_the_bonds_of_its_size():
     for each in scaling.READINGS:
         size = scaling.bound_all_pairs(each, 0.075, MU, FLOOR, SIMULATOR)

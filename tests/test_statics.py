@@ -455,3 +455,22 @@ def test_the_load_of_the_printed_root_is_borne_by_blocks_larger_than_it_allows()
     load = 0.99 * BOND / n
     assert bears(block(n), (load, 0.0, 0.0), MATING, mu, floor)
     assert readings["printed"].bound(BOND, load, mu, 0.0) < n
+
+
+@pytest.mark.parametrize("law", [Law(inset=0.0), Law(inset=0.0, cutoff=0.03, switch=0.1)])
+@pytest.mark.parametrize("mating", [True, False])
+def test_magnets_at_one_point_do_not_push_each_other(law, mating):
+    """As theory.magnets has it; of mating magnets on the edges nothing is left."""
+    tiles = block(2)
+    wrench = statics.magnet_wrench(tiles, law, mating=mating)
+    wanted = np.zeros_like(wrench)
+    poses = [(*(law.width * site), 0.0) for site in tiles.site]
+    for i, a in enumerate(poses):
+        for j, b in enumerate(poses[:i] if not mating else []):
+            fx, fy, torque_a, torque_b = magnets.pair_force(
+                a, tiles.glues[i], b, tiles.glues[j], law)
+            wanted[i] += (-fx, -fy, torque_a)
+            wanted[j] += (fx, fy, torque_b)
+    np.testing.assert_allclose(wrench, wanted, atol=1e-12)
+    factor = Statics(tiles, law, mating=mating, mu=0.2).rest(uniform(tiles, 1.0, 0.0)).factor
+    assert 0.0 <= factor < (1e-9 if mating else math.inf)

@@ -415,6 +415,13 @@ BARE = magnets.Law()
 FADED = magnets.Law(cutoff=0.03, switch=0.1)
 
 
+def test_magnets_at_one_point_but_for_rounding_do_not_push_each_other():
+    law, glues = magnets.Law(inset=0.0, cutoff=0.01), ((1, 2, 1, 2), (-1, -2, -1, -2))
+    for site in range(30):
+        a, b = ((law.width * k, 0.0, 0.0) for k in (site, site + 1))
+        assert magnets.pair_force(a, glues[0], b, glues[1], law) == (0.0, 0.0, 0.0, 0.0)
+
+
 def test_force_and_energy_of_the_paper_s_fit():
     assert magnets.force(0.003, BARE) == pytest.approx(0.2037, abs=5e-5)
     assert magnets.force(0.03, BARE) == pytest.approx(0.0136, abs=5e-5)

@@ -150,6 +150,44 @@ def test_a_tile_along_the_wall_obeys_newtons_law_at_both_corners(mu):
 def test_a_tile_that_would_tip_along_the_wall_is_refused():
     with pytest.raises(ValueError, match="leaves the wall"):
         rotation.wall_slide(0.2, WIDTH, MASS, 3.0)
+    with pytest.raises(ValueError, match="leaves the wall"):  # centre beyond that of the circle
+        rotation.wall_slide(0.0212, WIDTH, MASS, 0.25)
+    with pytest.raises(ValueError, match="at least half the width"):
+        rotation.wall_slide(0.014, WIDTH, MASS, 0.25)
+
+
+def test_along_the_wall_the_other_way_round_is_the_mirror_image():
+    slide = rotation.wall_slide(0.2, WIDTH, MASS, 0.25)
+    assert slide.turned(-2.0, 30.0) == -slide.turned(2.0, 30.0)
+    assert slide.spin(-2.0, 30.0) == -slide.spin(2.0, 30.0)
+
+
+def test_without_a_load_a_tilted_tile_stays():
+    assert rotation.rocking_fall(0.0, MASS, WIDTH, 0.1) == (math.inf, 0.0)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-11])
+@pytest.mark.parametrize("bodies", [(SMOOTH, SMOOTH), (HELD, SMOOTH), (HELD, EASY), (EASY, EASY)])
+def test_tiles_that_touch_and_approach_are_in_contact(bodies, gap):
+    start, twists = [(0, 0, 0), (WIDTH + gap, 0, 0)], [(0, 0, 0), (-1, 0, 0)]
+    found = meet(start, twists, bodies, FIRST, LAW, until=0.01)
+    assert (found.kind, found.time) == ("contact", pytest.approx(0.0, abs=1e-10))
+    assert found.speed == pytest.approx(1.0, rel=1e-6)
+    assert found.gap == pytest.approx(gap, abs=1e-10)
+
+
+def test_tiles_that_touch_meet_where_they_attract_and_not_where_they_part():
+    start = [(0, 0, 0), (WIDTH, 0, 0)]
+    still = meet(start, np.zeros((2, 3)), (SMOOTH, SMOOTH), FIRST, LAW, until=0.01)
+    assert (still.kind, still.time, still.speed) == ("contact", 0.0, 0.0)
+    apart = meet(start, [(0, 0, 0), (1, 0, 0)], (SMOOTH, SMOOTH), FIRST, LAW, until=1e-3)
+    assert apart.kind == "time"
+    assert apart.gap > 9e-4
+
+
+def test_tiles_that_overlap_are_refused():
+    with pytest.raises(ValueError, match=r"overlap at the start, by 0\.01 m"):
+        meet([(0, 0, 0), (WIDTH - 0.01, 0, 0)], np.zeros((2, 3)), (SMOOTH, SMOOTH), FIRST, LAW)
 
 
 def test_a_row_flies_apart_at_the_spins_of_the_paper_s_magnets():
@@ -253,3 +291,30 @@ def test_the_coupled_floor_makes_a_tile_a_unicycle_to_some_per_cent_of_its_path(
     fit = unicycle.fit(times, *z[:, :3].T, 0.1)
     assert 0.03 < fit.position < 0.12
     assert 0.05 < fit.heading < 0.12
+
+
+TILE = {"mass": MASS, "width": WIDTH, "force": 0.075, "torque": 1e-4, "frequency": 0.5, "mu": MU}
+
+
+@pytest.mark.parametrize("none", [{"frequency": 0.0}, {"family": 0}, {"frequency": 0.0, "mu": 0.0},
+                                  {"force": 0.0, "torque": 0.0, "gravity": 0.0}])
+def test_a_tile_without_a_drive_stays(none):
+    assert not unicycle.coupled_tile([0.0, 1.0, 2.0], **(TILE | none)).any()
+
+
+@pytest.mark.parametrize("none", [{"mu": 0.0}, {"gravity": 0.0}])
+def test_a_driven_tile_without_friction_is_only_accelerated(none):
+    """m v = F (1 - cos(rate t))/rate along the heading, which stays without a torque."""
+    times, rate = np.linspace(0.0, 4.0, 9), math.pi
+    z = unicycle.coupled_tile(times, **(TILE | none | {"torque": 0.0}))
+    assert z[:, 4] == pytest.approx(0.075 / MASS * (1.0 - np.cos(rate * times)) / rate, abs=1e-9)
+    assert z[:, 1] == pytest.approx(
+        0.075 / MASS * (times - np.sin(rate * times) / rate) / rate, abs=1e-9)
+    z = unicycle.coupled_tile(times, **(TILE | none))
+    assert z[:, 5] == pytest.approx(1e-4 / INERTIA * (1.0 - np.cos(rate * times)) / rate, abs=1e-7)
+
+
+@pytest.mark.parametrize("forward", [0.0, 0.5 * math.pi])
+def test_the_fit_of_a_tile_at_rest_is_no_motion(forward):
+    times, none = np.linspace(0.0, 2.0, 21), np.zeros(21)
+    assert unicycle.fit(times, none, none, none, 0.5, forward) == (0.0,) * 5

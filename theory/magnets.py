@@ -91,7 +91,7 @@ def pair_force(pose_a: Pose, glues_a: Glues, pose_b: Pose, glues_b: Glues,
         for (bx, by), glue_b in zip(magnet_positions(pose_b, law), glues_b, strict=True):
             dx, dy = bx - ax, by - ay
             r = math.hypot(dx, dy)
-            if r == 0.0:
+            if r <= 1e-9 * law.width:  # but for rounding
                 continue
             pull = polarity(glue_a, glue_b, law) * force(r, law) / r
             gx, gy = -pull * dx, -pull * dy

@@ -11,7 +11,7 @@ from theory.impact import inverse_inertia, routh
 
 
 class WallSlide(NamedTuple):
-    """A tile that slides along a circular wall with two corners on it."""
+    """A tile that slides along a circular wall with two corners on it, either way round."""
 
     distance: float  # m, of its centre from that of the circle
     rate: float  # k of dOmega/dt = -k Omega^2, 1
@@ -20,16 +20,24 @@ class WallSlide(NamedTuple):
 
     def turned(self, spin: float, time: float) -> float:
         """Angle about the circle's centre after `time` (s) from Omega = `spin` (rad/s)."""
-        x = self.rate * spin * time
-        return math.log1p(x) / self.rate if self.rate > 0.0 else spin * time
+        x = self.rate * abs(spin) * time
+        return math.copysign(math.log1p(x) / self.rate, spin) if self.rate > 0.0 else spin * time
 
     def spin(self, spin: float, time: float) -> float:
         """Omega after `time` (s)."""
-        return spin / (1.0 + self.rate * spin * time)
+        return spin / (1.0 + self.rate * abs(spin) * time)
 
 
 def seat(radius: float, width: float) -> float:
-    """Distance (m) from the circle's centre of a square with two corners on the circle."""
+    """Distance (m) from the circle's centre of a square with two corners on the circle.
+
+    Raises
+    ------
+    ValueError
+        The circle is narrower than the square.
+    """
+    if not radius >= 0.5 * width:
+        raise ValueError(f"{radius} m must be at least half the width of the tile, {width} m")
     return math.sqrt(radius * radius - 0.25 * width * width) - 0.5 * width
 
 
@@ -55,11 +63,13 @@ def wall_slide(radius: float, width: float, mass: float, mu: float) -> WallSlide
     cos, sin = (d + 0.5 * width) / radius, 0.5 * width / radius
     share = mass * d * radius / (mass * width * width / 6.0 + mass * d * d)
     slant = mu * (share - cos) / sin  # D/S
-    if abs(slant) > 1.0:
-        raise ValueError(f"with a friction of {mu} a corner leaves the wall")
     total = mass * d / (cos - mu * sin * slant)
     rate = mu * radius * total / (mass * width * width / 6.0 + mass * d * d)
-    return WallSlide(d, rate, 0.5 * total * (1.0 + slant), 0.5 * total * (1.0 - slant))
+    slide = WallSlide(d, rate, 0.5 * total * (1.0 + slant), 0.5 * total * (1.0 - slant))
+    if min(slide.leading, slide.trailing) < 0.0:
+        raise ValueError(f"with a friction of {mu} and a radius of {radius} m a corner leaves the "
+                         "wall")
+    return slide
 
 
 def wall_rest(radius: float, width: float, load: float) -> float:
@@ -88,7 +98,10 @@ def rocking_fall(load: float, mass: float, width: float, tilt: float) -> Fall:
     """From rest at `tilt` (rad, 0 to below pi/4) under a force `load` (N) on its centre.
 
     The corner sticks and 1/2 (2/3 m w^2) omega^2 = F w/2 (cos t0 + sin t0 - cos t - sin t).
+    Without a load it stays: the time is infinite.
     """
+    if load == 0.0:
+        return Fall(math.inf, 0.0)
     inertia = 2.0 / 3.0 * mass * width * width
 
     def spin(t: float) -> float:

@@ -25,6 +25,7 @@ from theory.floor import max_force
 from theory.magnets import Glues, Law, force
 
 Reals = NDArray[np.float64]
+LEAST, MOST = 1e-12, 1e12  # N, loads on the command line
 
 
 def net_force(forces: ArrayLike) -> Reals:
@@ -201,7 +202,11 @@ def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law:
 
     if math.isinf(reading.bound(1.0, load, mu, floor)):
         return math.inf
-    return math.exp(float(brentq(beyond, -7.0, 16.0)))
+    return math.exp(float(brentq(beyond, -60.0, 60.0)))
+
+
+def _short(value: float) -> str:
+    return f"{value:.2f}" if 0.01 <= value < 1e4 or math.isinf(value) else f"{value:.1e}"
 
 
 def report(load: float, mu: float = 0.25, floor: float | None = None,
@@ -226,8 +231,8 @@ def report(load: float, mu: float = 0.25, floor: float | None = None,
         values = [reading.bound(bond, load, mu, floor),
                   *(bound_all_pairs(reading, load, mu, floor, law, glues)
                     for glues in sets.values())]
-        lines += [f"{reading.name:31}{reading.formula:39}{values[0]:7.2f}"
-                  + "".join(f"{value:9.2f}" for value in values[1:]),
+        lines += [f"{reading.name:31}{reading.formula:39}{_short(values[0]):>7}"
+                  + "".join(f"{_short(value):>9}" for value in values[1:]),
                   f"    {reading.assumes}"]
     return "\n".join(lines)
 
@@ -240,8 +245,9 @@ def main() -> None:
                         help="force on a tile (default: 0.075 N)")
     parser.add_argument("--friction", type=float, default=0.25, help="between tiles (0.25)")
     options = parser.parse_args()
-    if not options.load > 0.0 or not 0.0 <= options.friction < 1.0:
-        parser.error("the load must be above 0, the friction from 0 to below 1")
+    if not LEAST <= options.load <= MOST or not 0.0 <= options.friction < 1.0:
+        parser.error(f"the load must be from {LEAST:g} to {MOST:g} N, the friction from 0 to "
+                     "below 1")
     print(report(options.load, options.friction))
 
 

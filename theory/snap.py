@@ -189,20 +189,27 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
 
     Raises
     ------
+    ValueError
+        The tiles overlap at the start.
     RuntimeError
         The integrator fails.
     """
     part, width = _Part(bodies, glues, law), law.width
     z = np.array([poses, twists], dtype=np.float64).reshape(2, 2, 3)
+    if (gap := gap_of(z, width)) < -LEVEL * width:
+        raise ValueError(f"the tiles overlap at the start, by {-gap:g} m")
     now = 0.0
     while now < until:
         kick = _modes(part, z)
         if not any(part.slides) and not any(part.turns):
             return _meeting("rest", now, z, width)
+        soon = z[1] + REST * part.rates(now, _with_direction(part, z)).reshape(2, 2, 3)[1]
+        approach = closing(z[0], soon, width)[0]
+        if approach > 0.0 and gap_of(z, width) <= REST * approach:  # no event would see it
+            return _meeting("contact", now, z, width)
         if kick > 0.0:  # past the singular start of a slide, along its force
             z[0] += kick * z[1]
-            z[1] += kick * part.rates(now, _with_direction(part, z)).reshape(2, 2, 3)[1]
-            now += kick
+            z[1], now = soon, now + kick
         events = part.events(width)
         found: Any = solve_ivp(part.rates, (now, until), z.ravel(), "DOP853", events=events,
                                rtol=tolerance, atol=SMALLEST, max_step=0.01)

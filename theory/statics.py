@@ -106,7 +106,7 @@ def magnet_wrench(tiles: Tiles, law: Law, *, mating: bool) -> Reals:
 
     `mating`: only the two magnets of a shared edge, as in the paper's argument (whether they
     attract or repel); else every pair within the law's cut-off, with its switch, as the
-    simulator has it.
+    simulator has it.  Two magnets at one point do not push each other.
     """
     d = 0.5 * law.width - law.inset
     arm = d * np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0]])
@@ -115,6 +115,8 @@ def magnet_wrench(tiles: Tiles, law: Law, *, mating: bool) -> Reals:
     reach = min(law.cutoff, 1e3 * law.width) if not mating else gap
     pairs = cKDTree(place).query_pairs(reach * (1.0 + 1e-9), output_type="ndarray")
     p, q = pairs[pairs[:, 0] // 4 != pairs[:, 1] // 4].T  # rigid: a tile's own do not count
+    apart = np.hypot(*(place[q] - place[p]).T) > 1e-9 * law.width
+    p, q = p[apart], q[apart]
     way = place[q] - place[p]
     distance = np.hypot(*way.T)
     # On a lattice there are few distances.

@@ -41,7 +41,7 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
     m dv/dt = u a F_mag e - R v/s - c m v and I domega/dt = u a T_mag - R k^2 omega/s - c' I omega
     with R = mu m g, k = 0.382598 w, s = sqrt(|v|^2 + k^2 omega^2); at rest while
-    (F/R)^2 + (T/(k R))^2 <= 1.
+    (F/R)^2 + (T/(k R))^2 <= 1.  Without friction, R = 0, it never rests.
 
     Returns
     -------
@@ -56,7 +56,8 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
     instants = np.asarray(times, dtype=np.float64)
     inertia, arm, grip = mass * width * width / 6.0, MEAN_DISTANCE * width, mu * mass * gravity
     rate = 2.0 * math.pi * frequency
-    size = math.hypot(force / grip, torque / (arm * grip))  # of the load, in units of the floor's
+    driven = abs(family) * math.hypot(force, torque / arm) if frequency else 0.0
+    size = 0.0 if driven == 0.0 else driven / grip if grip else math.inf  # in units of the floor's
 
     def load(t: float, angle: float) -> tuple[float, float, float]:
         u = family * math.sin(rate * t)
@@ -94,6 +95,10 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
     stops.terminal, stops.direction = True, -1.0  # type: ignore[attr-defined]
     result = np.zeros((instants.size, 6))
+    if math.isinf(size):  # smooth
+        free: Any = solve_ivp(rates, (0.0, float(instants[-1]) + 1e-9), np.zeros(6), "DOP853",
+                              rtol=1e-12, atol=1e-14, max_step=0.05, dense_output=True)
+        return np.asarray(free.sol(instants).T)
     z, now, done, last = np.zeros(6), 0.0, 0, float(instants[-1])
     while done < instants.size:
         u = abs(math.sin(rate * now))
@@ -159,10 +164,10 @@ def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequenc
     turned = angle - angle[0]
     omega = float(swing @ turned / (swing @ swing))
     unit = kinematic(instants, 1.0, 1.0, omega, frequency, forward + float(angle[0]))
-    a = float(unit[:, 0] @ x / (unit[:, 0] @ unit[:, 0]))
-    b = float(unit[:, 1] @ y / (unit[:, 1] @ unit[:, 1]))
+    a, b = (float(u @ q / (u @ u)) if u.any() else 0.0 for u, q in zip(unit.T, (x, y),
+                                                                       strict=False))
     miss = np.hypot(a * unit[:, 0] - x, b * unit[:, 1] - y)
-    length = float(np.hypot(np.diff(x), np.diff(y)).sum())
+    length = float(np.hypot(np.diff(x), np.diff(y)).sum()) or 1.0
     swung = float(np.ptp(turned)) or 1.0
     return Unicycle(a, b, omega, float(np.sqrt(np.mean(miss**2))) / length,
                     float(np.sqrt(np.mean((omega * swing - turned) ** 2))) / swung)
