@@ -181,6 +181,15 @@ def test_standard_errors_of_a_robust_loss_are_the_scatter_of_its_fits(loss):
     assert np.all((mean / scatter > 0.7) & (mean / scatter < 1.4))
 
 
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e3])
+def test_the_size_of_the_forces_does_not_matter(scale):
+    force = TRUE * (1.0 + 0.02 * np.random.default_rng(3).standard_normal(R.size))
+    whole, scaled = fit(LAW, R, force), fit(LAW, R, scale * force)
+    assert scaled.values / [scale, 1.0] == pytest.approx(whole.values, rel=1e-5)
+    assert scaled.errors / [scale, 1.0] == pytest.approx(whole.errors, rel=1e-4)
+    assert len(doubts(scaled, {})) == len(doubts(whole, {}))
+
+
 def test_bounds_and_fixed_values_hold():
     free = fit(LAW, R, TRUE)
     assert free.values == pytest.approx([ALPHA, BETA], rel=1e-6)

@@ -356,8 +356,9 @@ def _starts(problem: Fit, known: Mapping[str, float]) -> list[Floats]:
             if problem.free[0]:
                 unit = weight * model.force(problem.distance, 1.0, *start[1:])
                 amplitude = np.sum(unit * weight * problem.force) / np.sum(unit**2)
-                start[0] = np.clip(max(amplitude, 0.0) ** (1 / model.power),
-                                   problem.low[0] + inner[0], problem.high[0] - inner[0])
+                amplitude = max(amplitude, 0.0) ** (1 / model.power)
+                margin = min(inner[0], 1e-9 * amplitude) or inner[0]  # forces may be tiny
+                start[0] = np.clip(amplitude, problem.low[0] + margin, problem.high[0] - margin)
             chi2 = replace(problem, values=start).chi2
             if np.isfinite(chi2) and not any(np.array_equal(start, other) for _, other in ranked):
                 ranked.append((chi2, start))
