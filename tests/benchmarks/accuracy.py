@@ -99,9 +99,9 @@ def sweep(reference: Reference) -> list[Row]:
         scene = replace(scene, solver=replace(scene.solver, step=h, substeps=substeps))
         try:
             errors = reference.measure(Simulation, scene)
+            alone, whole = clock(scene, reference.duration)
         except SimulationError:  # too coarse a step
             continue
-        alone, whole = clock(scene, reference.duration)
         rows.append({
             "scene": reference.name, "engine": "tbsa", "substep": h, "substeps": substeps,
             "tolerance": tolerance, "passes": passes,
