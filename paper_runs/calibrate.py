@@ -204,15 +204,16 @@ def ranking(ranked: Sequence[Candidate]) -> list[str]:
                      "off the lattice (%)", "runs", "furthest off (units)"), rows)
 
 
-def choice(ranked: Sequence[Candidate], final: bool) -> list[str]:
-    """What is chosen, and whether the paper's figures can be met together."""
+def choice(ranked: Sequence[Candidate], final: bool, whole: bool) -> list[str]:
+    """What is chosen once the finals are `whole`, and whether the paper's figures can be met
+    together."""
     others = [each for each in ranked if each.law != PRINTED]
     ranked = eligible(ranked)
     if not ranked:
         return [f"No setting with {PRINTED} friction has runs of both drives yet: nothing can be "
                 "chosen."]
     best = ranked[0]
-    lines = [f"**{'Chosen' if final else 'Nearest so far'}: F_mag = {best.force:g} N, "
+    lines = [f"**{'Chosen' if final and whole else 'Nearest so far'}: F_mag = {best.force:g} N, "
              f"T_mag = {best.torque:g} N m, {best.law} floor friction** (distance "
              f"{best.distance:.2f})."]
     if len(ranked) > 1:
@@ -328,19 +329,21 @@ def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
     lines = ["# Calibration", "",
              "The paper prints neither the drive's force nor its torque. One force is chosen for "
              "both drives, and a torque for the self-stabilizing one.", "", "## What is there", ""]
+    whole = True
     for name, file in FILES.items():
         if name not in tables:
             missing = "" if file.exists() else f" (nor {file.name}, which --finals writes)"
             lines.append(f"- {name}: nothing yet{missing}")
         elif file.exists():
-            said, _ = against_plan(file, tables[name])
+            said, missing_runs = against_plan(file, tables[name])
+            whole &= name != "finals" or not missing_runs
             lines += [f"- {name}: {said[0]}", *(f"  {line}" for line in said[1:])]
         else:
             lines.append(f"- {name}: {(tables[name]['status'] == 'done').sum()} runs")
     mapped = points(folders["maps"], tables["maps"]) if "maps" in tables else {}
     last = points(folders["finals"], tables["finals"]) if "finals" in tables else {}
     ranked, finalists = candidates(mapped), candidates(last)
-    lines += ["", "## Choice", "", *choice(finalists or ranked, bool(finalists))]
+    lines += ["", "## Choice", "", *choice(finalists or ranked, bool(finalists), whole)]
     if "readings" in tables and (said_ := noise(folders["readings"], tables["readings"])):
         lines += ["", said_]
     if finalists:

@@ -442,6 +442,15 @@ def test_it_says_whether_the_papers_figures_can_be_met_together(finals, ours, th
     assert "## Finals" in text
 
 
+def test_nothing_is_chosen_before_all_finals_are_done(finals):
+    kept = tables(finals / "finals.toml", finals / "finals",
+                  lambda each: ending(each, 130 if each.scene.drive.kind == "unicycle" else 35))
+    kept[kept["seed"] == 1].to_csv(finals / "finals" / "table.csv", index=False)
+    text, _ = calibrate.report({name: finals / f.stem for name, f in calibrate.FILES.items()})
+    assert "**Nearest so far: " in text
+    assert "**Chosen: " not in text
+
+
 def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
     def metrics(each):
         size = 100 + each.scene.run.seed * (1 if each.scene.drive.kind == "unicycle" else 7)
