@@ -238,7 +238,7 @@ def choice(ranked: Sequence[Candidate], final: bool, whole: bool) -> list[str]:
     else:
         fewest = min(ranked, key=lambda each: (len(each.missed), each.distance))
         lines.append("**The paper's six end values are not met together by any setting tried.** "
-                     f"Closest by the rule is the chosen one; it misses {_and(best.missed)}."
+                     f"Closest by the rule is the one above; it misses {_and(best.missed)}."
                      + ("" if fewest is best else
                         f" Fewest are missed at {fewest.force:g} N, {fewest.torque:g} N m, "
                         f"{fewest.law}: {_and(fewest.missed)}."))

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
-from tbsa.model.scene import Scene, dumps, engine_path, fingerprint, load
+from tbsa.model.scene import Scene, dumps, engine_path, fingerprint, load, tile_count
 from tbsa.model.simulation import Simulation
 
 FORMAT = 2
@@ -251,17 +251,11 @@ def _read_info(folder: Path) -> dict[str, Any]:
 _LAYOUT = (*FIELDS, "type", "held", "seed")
 
 
-def _tiles(scene: Scene) -> int:
-    """Number of tiles, held and free."""
-    return (len(scene.seed.cells) if scene.seed else 0) + len(scene.free.tiles) + sum(
-        number for _, number in scene.free.counts)
-
-
 def _read_layout(folder: Path, scene: Scene) -> Layout:
     path = folder / "layout.npz"
     data = _read_arrays(path, _LAYOUT)
     layout = Layout(*(data[name] for name in _LAYOUT))
-    n = _tiles(scene)
+    n = tile_count(scene)
     kinds = dict.fromkeys(FIELDS, "f") | {"type": "i", "held": "b", "seed": "b"}
     if any(data[name].shape != (n,) or data[name].dtype.kind != kinds[name] for name in _LAYOUT):
         raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
@@ -436,7 +430,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
     """
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
     if not resume:
-        _check_new(folder, _tiles(scene))
+        _check_new(folder, tile_count(scene))
         simulation = Simulation(scene)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -455,7 +449,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
             load_checkpoint(folder / "checkpoint.npz", simulation, mark)
             earlier = info["wall"]
         else:
-            for path in _check_new(folder, _tiles(scene)):
+            for path in _check_new(folder, tile_count(scene)):
                 path.unlink(missing_ok=True)
         with interrupts() as stop:
             return _write_run(folder, simulation, mark, earlier, resume, progress, stop)
@@ -474,11 +468,9 @@ def _check_new(folder: Path, n: int) -> list[Path]:
     begun = records in there and records.stat().st_size <= _frame(n).itemsize + 4096
     names = ("layout.npz", "checkpoint.npz", "scene.toml", "drive.py", "run.json")
     left = [path for path in there if path != records]
-    for path in left:
-        scratch = re.fullmatch(r"\.(.+)\.\d+", path.name)  # of `write_atomically`
-        if not begun or (scratch[1] if scratch else path.name) not in names:
-            raise InputError("must be a new or an empty folder", file=str(folder))
-    if records in there and not begun:
+    # The scratch files of `write_atomically` are `.NAME.PID`.
+    plain = [re.sub(r"^\.(.+)\.\d+$", r"\1", path.name) for path in left]
+    if there and not (begun and all(name in names for name in plain)):
         raise InputError("must be a new or an empty folder", file=str(folder))
     return left
 

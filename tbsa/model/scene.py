@@ -599,6 +599,12 @@ def _check_places(scene: Scene) -> None:
               f"must not overlap {other}; it does by {deep[k]:.3g} m (touching is allowed)")
 
 
+def tile_count(scene: Scene) -> int:
+    """Number of tiles, held and free."""
+    return ((len(scene.seed.cells) if scene.seed else 0) + len(scene.free.tiles)
+            + sum(number for _, number in scene.free.counts))
+
+
 def engine_path(scene: Scene) -> Path:
     """The Python file of a user's own drive: ``drive.module``, relative to the scene's file."""
     assert scene.drive is not None

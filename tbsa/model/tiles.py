@@ -16,7 +16,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from tbsa.errors import InputError
-from tbsa.model.scene import EDGES, SETS, Scene, TileType
+from tbsa.model.scene import EDGES, SETS, Scene, TileType, tile_count
 from tbsa.model.squares import inside, lattice
 
 __all__ = [
@@ -197,9 +197,7 @@ def ground_truth(scene: Scene) -> Growth:
     seed, width = scene.seed, scene.material.width
     if seed is None:
         return Growth({})
-    number = (len(seed.cells) + len(scene.free.tiles)
-              + sum(count for _, count in scene.free.counts))
-    margin = ceil(sqrt(number))
+    margin = ceil(sqrt(tile_count(scene)))
     columns, rows = [c[0] for c in seed.cells], [c[1] for c in seed.cells]
     left, right = min(columns) - margin, max(columns) + margin
     low, high = min(rows) - margin, max(rows) + margin

@@ -43,6 +43,7 @@ from tbsa.model.scene import (
     fingerprint,
     parse,
     read_toml,
+    tile_count,
 )
 
 LARGEST = 100_000  # runs of a campaign
@@ -98,9 +99,7 @@ class Planned:
     @property
     def tiles(self) -> int:
         """Number of tiles."""
-        scene = self.scene
-        return ((len(scene.seed.cells) if scene.seed else 0) + len(scene.free.tiles)
-                + sum(number for _, number in scene.free.counts))
+        return tile_count(self.scene)
 
     @property
     def cost(self) -> float:
