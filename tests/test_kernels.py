@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -16,10 +17,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import CHESSBOARD, WIDTH, material, scene, simulate, state, tile, turned
-from twins import all_magnet_forces, near_pairs
+from twins import all_magnet_forces, near_pairs, separations
 
 import tbsa
 from tbsa.kernels import jit
+from tbsa.kernels.contacts import (
+    ALONE,
+    BLOCK,
+    BODIES,
+    CIRCLE,
+    ID1,
+    LANES,
+    PAIR_COLOURS,
+    RECTANGLE,
+    add_rows,
+    colour_rows,
+    empty_impulses,
+    empty_rows,
+    find_rows,
+    recall,
+)
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.model.layout import Layout
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
@@ -79,6 +96,110 @@ def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():
     _, number, pairs = listed(x, y, np.ones(30), 0.05, 0.01, capacity=16)
     assert number == len(near_pairs(x, y, np.ones(30), 0.05, np.full(30, 0.01))) > 16
     assert (pairs.margin == -1.0).all()  # never built
+
+
+# Rows.
+
+
+@jit.kernel
+def find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way, far, way2,
+                  far2, widest):
+    """Rows of the ways `way` and `far`; then those that the marked tiles have besides, whose ways
+    are longer.  Returns how many of each."""
+    m, _, _ = find_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, c, s, mobile, way, far, 1)
+    colour_rows(rows, m, n, mobile, 1.0, 0.5, 0.5, 0.5, 0.5)
+    recall(rows, m, n, NO_IMPULSES)
+    return m, add_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, angle, c, s, mobile, marked,
+                       1.0, 0.5, 0.5, 0.5, 0.5, way2, far2, widest)
+
+
+NO_IMPULSES = empty_impulses(1)
+
+
+def may_touch(x, y, angle, mobile, wall, size, way, far):
+    """The rows that there should be, by comparing all tiles: (a, b, corner)."""
+    found, n = set(), len(x)
+    for a, b in itertools.combinations(range(n), 2):
+        gap = max(separations(complex(x[a], y[a]), angle[a], complex(x[b], y[b]), angle[b],
+                              WIDTH))
+        if ((mobile[a] or mobile[b]) and gap <= far[a] + far[b]
+                and math.hypot(x[b] - x[a], y[b] - y[a]) <= 1.41422 * WIDTH + way[a] + way[b]):
+            found.add((a, b, 0))
+    for a in np.flatnonzero(mobile) if wall else ():
+        out = math.hypot(x[a], y[a]) if wall == CIRCLE else max(abs(x[a]), abs(y[a]))
+        for q in range(4 if out + 0.70711 * WIDTH + way[a] >= size else 0):
+            at = angle[a] + (2 * q + 1) * math.pi / 4
+            px = x[a] + math.sqrt(0.5) * WIDTH * math.cos(at)
+            py = y[a] + math.sqrt(0.5) * WIDTH * math.sin(at)
+            gaps = ([size - math.hypot(px, py)] if wall == CIRCLE
+                    else [size - abs(px), size - abs(py)])
+            found |= {(int(a), n, 2 * q + side) for side, gap in enumerate(gaps) if gap <= far[a]}
+    return found
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from([0, CIRCLE, RECTANGLE]), st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wall, n, seed):
+    """Whatever the age of the pair list; and every row is in its place, once, and in order."""
+    rng = np.random.default_rng(seed)
+    size = 0.2
+    old_x, old_y = rng.uniform(-0.15, 0.15, (2, n))
+    x, y = old_x + rng.uniform(-0.02, 0.02, n), old_y + rng.uniform(-0.02, 0.02, n)
+    angle, mobile = rng.uniform(0, 2 * math.pi, n), np.append(rng.random(n) < 0.7, False) * 1.0
+    way = rng.uniform(0.0, 0.01, n)
+    far = way + rng.uniform(0.0, 0.01, n)
+    marked = np.append((rng.random(n) < 0.3) & (mobile[:n] > 0.0), False).astype(np.int64)
+    longer = np.where(marked[:n] > 0, rng.uniform(0.0, 0.08, n), 0.0)
+    pairs, rows = empty_pairs(n, 4096), empty_rows(n, 4096)
+    build_pairs(pairs, n, old_x, old_y, mobile, 0.0425, np.full(n, 0.04))
+    widest = float((np.hypot(x - old_x, y - old_y) + way + longer).max())
+    c, s = np.append(np.cos(angle), 1.0), np.append(np.sin(angle), 0.0)
+    m, added = find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way,
+                             far, way + longer, far + longer, widest)
+
+    before = may_touch(x, y, angle, mobile[:n], wall, size, way, far)
+    after = may_touch(x, y, angle, mobile[:n], wall, size, way + longer, far + longer)
+    found = list(zip(*(part[: m + added].tolist() for part in (rows.a, rows.b, rows.corner)),
+                     strict=True))
+    assert m == len(before)
+    assert found == sorted(after)
+    assert rows.size[0] == m + added
+    assert np.diff(rows.first)[ALONE] == added
+    of = {i: [] for i in range(n)}
+    for (a, b, corner), slot in zip(found, rows.slot.tolist(), strict=False):
+        block, lane = divmod(slot, int(BLOCK))
+        assert rows.body[block * int(BODIES) + lane] == a
+        assert rows.body[block * int(BODIES) + int(LANES) + lane] == b
+        assert rows.field[slot + int(ID1)] == (corner if b == n else -2.0)
+        for i in (a, b):
+            if mobile[i] > 0.0:
+                of[i].append(8 * block + lane)
+    for i in range(n):
+        assert rows.of[rows.start[i] : rows.start[i + 1]].tolist() == of[i]
+
+
+def test_rows_that_do_not_fit_are_not_added():
+    pairs, rows, n = empty_pairs(30, 4096), empty_rows(30, 40), 30
+    x, y, zero = np.repeat(np.arange(6) * 0.031, 5), np.tile(np.arange(5) * 0.031, 6), np.zeros(30)
+    build_pairs(pairs, n, x, y, np.ones(n + 1), 0.0425, np.full(n, 0.04))
+    marked, c, s = np.ones(n + 1, np.int64), np.ones(n + 1), np.zeros(n + 1)
+    assert find_then_add(rows, pairs, n, 0, 0.0, x, y, zero, c, s, np.ones(n + 1), marked, zero,
+                         zero, zero + 0.2, zero + 0.2, 0.2) == (0, -1)
+    assert rows.size[0] == 0
+    assert np.diff(rows.first)[ALONE] == 0
+
+
+def test_a_tile_that_may_touch_more_others_than_there_are_colours_is_carried_by_what_it_touches():
+    """It slides fast along the top of a held block, whose lower tiles come first."""
+    block = [tile(WIDTH * i, -WIDTH * j, held=True) for j in range(6, -1, -1)
+             for i in range(-12, 13)]
+    s = simulate([*block, tile(-0.15, WIDTH, vx=5.0)], step=1 / 30, substeps=32,
+                 body=material(friction=0.0), drive=Drive("constant", force=(0.0, -0.5)))
+    s.advance(1)
+    forces = s.contact_forces()
+    assert s._work.rows.size[0] > PAIR_COLOURS
+    assert forces["normal0"].sum() + forces["normal1"].sum() == pytest.approx(0.5, rel=1e-9)
+    assert abs(s.y[-1] - WIDTH) < 1e-9 * WIDTH
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

@@ -4,8 +4,8 @@ One step of length H, of second order in free flight:
 
     lists   near pairs of tiles, and of magnets (kept while nobody has moved too far)
     forces  of its first half
-    rows    which tiles may touch in this step, at their speeds and under these forces; again in
-            its middle if a tile is hit and will come further
+    rows    which tiles may touch in this step, at their speeds and under these forces; and in
+            its middle what a tile may touch besides that is hit and will come further
 
 two halves of it (one part, where the number of substeps is odd), each of length P:
 
@@ -41,22 +41,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tbsa.kernels.contacts import (
-    BLOCK,
     CIRCLE,
-    COLOURS,
-    COUNT,
-    GAP0,
-    GAP1,
-    LANES,
     NEAR,
     Impulses,
     Rows,
+    add_rows,
     colour_rows,
     find_rows,
     place_rows,
     recall,
     remember,
-    weigh,
 )
 from tbsa.kernels.floor import EXACT
 from tbsa.kernels.geometry import cos_sin
@@ -99,6 +93,9 @@ JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.1
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
 PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 8.0, 0.35, 0.5
 MAGNET_STEPS, MAGNET_ROOM = 3.0, 0.03
+# Up to one tile in so many that comes further than assumed has its rows added; for more, all rows
+# are found anew.
+FEW_TILES = 8
 
 
 class State(NamedTuple):
@@ -159,7 +156,7 @@ class Counts(NamedTuple):
     substeps: np.ndarray
     joined: np.ndarray  # substeps saved by joining them
     lists: np.ndarray  # pair lists built
-    surprises: np.ndarray  # rows found again within a step
+    surprises: np.ndarray  # times rows were added or found again within a step
     magnet_lists: np.ndarray  # lists of magnet pairs built
     magnet_pairs: np.ndarray  # magnet pairs whose force was found, summed over evaluations
     rows: np.ndarray  # manifolds solved, summed over substeps
@@ -181,20 +178,12 @@ def empty_counts() -> Counts:
 
 
 @inline
-def note_overlap(rows: Rows, width: float, ticks: int, counts: Counts) -> float:
-    """Count the eighths of a substep under the deepest overlap, and return that (m)."""
-    r = rows.field
-    deepest = 0.0
-    for block in range(rows.first[COLOURS]):
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            gap = min(r[o + GAP0 + i], r[o + GAP1 + i])
-            deepest = min(deepest, gap if r[o + COUNT + i] != 0.0 else 0.0)
-    counts.deepest[0] = max(counts.deepest[0], -deepest)
-    share = -deepest / width
+def note_overlap(overlap: float, width: float, ticks: int, counts: Counts) -> None:
+    """Count the eighths of a substep under its deepest overlap (m)."""
+    counts.deepest[0] = max(counts.deepest[0], overlap)
+    share = overlap / width
     counts.overlap[0 if share <= 1e-4 else 1 if share <= 1e-3 else 2 if share <= 5e-3
                    else 3 if share <= 2e-2 else 4] += ticks
-    return -deepest
 
 
 @inline
@@ -304,30 +293,40 @@ def speeds(k: Numbers, v: Bodies, pace: np.ndarray, speed: np.ndarray) -> None:
 
 
 @inline
-def ways(k: Numbers, h: float, work: Work) -> None:
-    """How far centre and corners of each tile may come in a time h under the forces of this
-    step, and some more.
+def assume(k: Numbers, h: float, everyone: bool, x: np.ndarray, y: np.ndarray,
+           angle: np.ndarray, work: Work) -> None:
+    """How far centre and corners of every tile, or of those marked in ``moved``, may come from
+    here in a time h under the forces of this step, and some more.
 
     A tile that spins stays within its circumscribed circle: its pairs are found by the way of
     the centre alone.
     """
-    pace, speed, way, far, mobile = work.pace, work.speed, work.way, work.far, work.bodies.mobile
+    v, way, far, x0, y0, angle0 = work.bodies, work.way, work.far, work.x0, work.y0, work.angle0
+    vx, vy, w, mobile, marked = v.vx, v.vy, v.w, v.mobile, v.moved
     fx, fy, torque = work.fx, work.fy, work.torque
-    fm, fi = 0.5 * h / k.mass, 0.5 * h * 0.7072 * k.width / k.inertia
+    corner = 0.7072 * k.width
+    fm, fi = 0.5 * h / k.mass, 0.5 * h * corner / k.inertia
     more = 0.5 * NEAR * k.width
     for i in range(U(k.n)):
+        anew = everyone | (marked[i] != 0)
+        x0[i] = x[i] if anew else x0[i]
+        y0[i] = y[i] if anew else y0[i]
+        angle0[i] = angle[i] if anew else angle0[i]
+        pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
         gain = mobile[i] * fm * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i])
-        way[i] = h * (pace[i] + gain) + more
-        far[i] = h * (speed[i] + gain + mobile[i] * fi * abs(torque[i])) + more
+        centre = h * (pace + gain) + more
+        corners = centre + h * corner * abs(w[i]) + h * mobile[i] * fi * abs(torque[i])
+        way[i] = centre if anew else way[i]
+        far[i] = corners if anew else far[i]
 
 
 @inline
 def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
-           work: Work) -> bool:
-    """Whether a tile will come further in this time than was assumed when the rows were found:
-    one that lay still, perhaps, and has been hit."""
+           work: Work) -> int:
+    """Mark in ``moved`` the tiles that will come further in this time than was assumed: such as
+    lay still, perhaps, and have been hit.  Returns how many there are."""
     v, way, far, x0, y0, angle0 = work.bodies, work.way, work.far, work.x0, work.y0, work.angle0
-    vx, vy, w = v.vx, v.vy, v.w
+    vx, vy, w, marked = v.vx, v.vy, v.w, v.moved
     corner = 0.7072 * k.width
     some = 0
     for i in range(U(k.n)):
@@ -335,8 +334,20 @@ def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndar
         centre = (math.sqrt(dx * dx + dy * dy)
                   + time * math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]))
         corners = centre + corner * (turned + time * abs(w[i]))
-        some += 1 if (centre > way[i]) | (corners > far[i]) else 0
-    return some > 0
+        marked[i] = 1 if (centre > way[i]) | (corners > far[i]) else 0
+        some += marked[i]
+    return some
+
+
+@inline
+def widest(n: int, x: np.ndarray, y: np.ndarray, pairs: Pairs, way: np.ndarray) -> float:
+    """How far any tile may come from where it was when the pairs were listed (m)."""
+    px, py = pairs.x, pairs.y
+    most = 0.0
+    for i in range(U(n)):
+        dx, dy = x[i] - px[i], y[i] - py[i]
+        most = max(most, math.sqrt(dx * dx + dy * dy) + way[i])
+    return most
 
 
 @inline
@@ -499,7 +510,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     rows.first[:] = 0
     rows.effort[:] = 0
     error, done = OK, 0
-    m, known = np.int64(0), False
+    m, known, late = np.int64(0), False, False
     wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
@@ -511,7 +522,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 break
         find_forces((first + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
                     magnets, drive, drive_parameters, x, y, angle, work)
-        left, find = k.substeps * TICKS, contacts
+        left = k.substeps * TICKS
+        further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         for part in range(parts):
             if part > 0:
                 if magnetic:
@@ -526,43 +538,54 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             counts.magnet_pairs[0] += work.magnets.size[0]
             end = left - k.substeps * TICKS // parts
             while left > end:
-                if find:
-                    whole = np.int64(1) if left == k.substeps * TICKS else np.int64(0)
-                    if whole == 0:
-                        speeds(k, v, work.pace, work.speed)
-                    ways(k, left * tick, work)
-                    if reach > 0.0:
-                        error = find_pairs(k, reach, tiles, x, y, way, whole, work, counts)
-                        if error != OK:
+                if further > 0:
+                    whole = left == k.substeps * TICKS
+                    few = not whole and further <= n // FEW_TILES
+                    assume(k, left * tick, not few, x, y, angle, work)
+                    added = np.int64(-1)
+                    if few:
+                        added = add_rows(
+                            rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, angle,
+                            c, s, v.mobile, v.moved, im, k.mu, k.e, k.mu_wall, k.e_wall, way, far,
+                            widest(n, x, y, work.pairs, way))
+                    if added >= 0:
+                        m, late = m + added, late or added > 0
+                    else:
+                        ahead = np.int64(1) if whole else np.int64(0)
+                        if reach > 0.0:
+                            error = find_pairs(k, reach, tiles, x, y, way, ahead, work, counts)
+                            if error != OK:
+                                break
+                        turn(n, angle, c, s)
+                        found, changed, overlap = find_rows(
+                            rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
+                            tiles.mobile, way, far, ahead)
+                        if found < 0:
+                            error = MORE_ROWS
                             break
-                    turn(n, angle, c, s)
-                    found, changed, overlap = find_rows(
-                        rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
-                        tiles.mobile, way, far, whole)
-                    if found < 0:
-                        error = MORE_ROWS
-                        break
-                    if changed or not known:
-                        if known:
-                            scale_impulses(rows, TICKS / before_ticks)
-                            remember(rows, m, n, state.impulses)
-                        m, known = found, True
-                        colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall, k.e_wall)
-                        recall(rows, m, n, state.impulses)
-                        scale_impulses(rows, before_ticks / TICKS)
+                        # As if rows had not been there before: a run may go on from here.
+                        if changed or not known or (whole and late):
+                            if known:
+                                scale_impulses(rows, TICKS / before_ticks)
+                                remember(rows, m, n, state.impulses)
+                            m, late = found, False
+                            known = colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall,
+                                                k.e_wall)
+                            if not known:
+                                error = MORE_ROWS
+                                break
+                            recall(rows, m, n, state.impulses)
+                            scale_impulses(rows, before_ticks / TICKS)
                     if m > 0 and too_fast(n, 0.5 * k.width / k.h, rows, v):
                         error = TOO_FAST
                         break
                     calm = last[0] <= FEW and overlap <= CALM * k.width
                     wanted = ticks_at(k, rows, x, y, v, calm)
-                    copy(x, work.x0, n)
-                    copy(y, work.y0, n)
-                    copy(angle, work.angle0, n)
                 ticks = fitting(min(wanted, promised), left - end)
                 rest = left - end - ticks
                 promised = fitting(wanted, rest if rest > 0 else k.substeps * TICKS // parts)
                 # From the middle of this substep to that of the next.
-                ahead = 0.5 * max(2 * ticks, ticks + promised) * tick
+                look_ahead = 0.5 * max(2 * ticks, ticks + promised) * tick
                 if ticks != before_ticks:
                     scale_impulses(rows, ticks / before_ticks)
                     before_ticks, h = ticks, ticks * tick
@@ -576,14 +599,15 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 if m > 0 or floor.law == EXACT:
                     turn(n, angle, c, s)
                 if m > 0:
-                    place_rows(rows, n, k.width, ahead, k.wall, k.wall_x, k.wall_y, x, y, c, s,
-                               vx, vy, w)
-                    struck = weigh(rows, ahead, ii / im, k.threshold)
-                    overlap = note_overlap(rows, k.width, ticks, counts)
+                    struck, overlap = place_rows(
+                        rows, n, k.width, look_ahead, k.wall, k.wall_x, k.wall_y, ii / im,
+                        k.threshold, x, y, c, s, vx, vy, w)
+                    note_overlap(overlap, k.width, ticks, counts)
                     wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                     if struck > 0:
                         counts.impacts[0] += struck
-                        impacts(rows, with_substep(k, ahead), v, work.scratch, x, y, angle, c, s)
+                        impacts(rows, with_substep(k, look_ahead), v, work.scratch, x, y, angle,
+                                c, s)
                 else:
                     counts.overlap[0] += ticks
                 kick(kh, work.fx, work.fy, work.torque, v)
@@ -608,8 +632,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 if m > 0 and project(rows, kh, ii / im, v, work.shift, x, y, angle):
                     counts.projections[0] += 1
                 left -= ticks
-                find = contacts and left > 0 and beyond(k, left * tick, x, y, angle, work)
-                counts.surprises[0] += 1 if find else 0
+                further = beyond(k, left * tick, x, y, angle, work) if contacts and left > 0 else 0
+                counts.surprises[0] += 1 if further > 0 else 0
             if error != OK:
                 break
         if error != OK:

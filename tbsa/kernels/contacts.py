@@ -5,9 +5,10 @@ colour have no common tile either, and a field of a block is eight neighbouring 
 lanes): a loop over the lanes is plain vector code, and the solve of a block is that of its rows
 one after the other.  Which rows there are is found once a step; where they touch, every substep.
 
-Body index n is the ground (the wall); it never moves.  Rows are found in the order of a, then b,
+Body index n is the ground (the wall); it never moves.  Rows are kept in the order of a, then b,
 then corner, and coloured in that order; both depend on tile numbers alone, whatever the age of
-the pair list.
+the pair list.  A row that found no colour, or is found late, in the middle of a step, is alone in
+a block and solved by itself.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 
 from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
 from tbsa.kernels.jit import U, columns, copy, inline, lane
-from tbsa.kernels.neighbours import Pairs
+from tbsa.kernels.neighbours import Pairs, near_place
 
 CIRCLE, RECTANGLE = 1, 2
 
@@ -29,6 +30,8 @@ NEAR = 0.05
 # A point is part of a manifold if it is nearer than it can close at its speed within the
 # substep, and this fraction of the width: forces and impacts may speed it up.
 SPARE = 0.02
+# A square's diagonal (widths), rounded up.
+DIAGONAL = 1.41422
 # The solve leaves a point with this velocity alone (m/s): there is none.
 NEVER = 1e30
 
@@ -62,9 +65,12 @@ ZEROED = CHANGE + LANES  # numbers of a block, its first, that a new row needs t
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
 
-# Colours of pairs, the last of which takes one row a block; then those of walls.
-PAIR_COLOURS, WALL_COLOURS = 48, 8
-COLOURS = PAIR_COLOURS + WALL_COLOURS
+CHUNK = 8  # blocks that are worked on together
+# Colours of pairs; then those of walls, of which a tile has eight rows at most; then the rows
+# that are alone.
+PAIR_COLOURS, WALL_COLOURS = 47, 8
+ALONE = PAIR_COLOURS + WALL_COLOURS
+COLOURS = ALONE + 1
 
 
 class Rows(NamedTuple):
@@ -109,7 +115,7 @@ class Impulses(NamedTuple):
 
 def empty_rows(n: int, capacity: int) -> Rows:
     """Space for `capacity` rows of `n` tiles."""
-    blocks = capacity // int(LANES) + 2 * COLOURS
+    blocks = capacity // int(LANES) + capacity // 16 + 2 * COLOURS
     field = np.zeros(blocks * int(BLOCK) + 8)
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
     whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [8 * blocks] * 3, [capacity] * 3,
@@ -127,6 +133,25 @@ def empty_impulses(capacity: int) -> Impulses:
     whole = {"a", "b", "id0", "id1"}
     return Impulses(np.zeros(1, np.int64), *columns(
         capacity, [int if f in whole else float for f in Impulses._fields[1:]]))
+
+
+@lane
+def pair_gap(dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
+             half: float) -> float:
+    """Largest gap of two squares across a face of one of them (m); they are this far apart."""
+    cos, sin = ca * cb + sa * sb, ca * sb - sa * cb
+    on_a = max(abs(dx * ca + dy * sa), abs(dy * ca - dx * sa))
+    on_b = max(abs(dx * cb + dy * sb), abs(dy * cb - dx * sb))
+    return max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin))
+
+
+@lane
+def off_wall(wall: int, wall_x: float, wall_y: float, x: float, y: float, reach: float) -> bool:
+    """Whether nothing within this reach of a place meets the wall."""
+    near = wall_x - reach
+    inside = (near > 0.0) & (x * x + y * y < near * near)
+    between = (abs(x) + reach < wall_x) & (abs(y) + reach < wall_y)
+    return inside if wall == CIRCLE else between
 
 
 @inline
@@ -152,12 +177,9 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             b = U(other[k])
             dx, dy = x[b] - x[a], y[b] - y[a]
             margin = far_a + far[b]
-            if dx * dx + dy * dy > (1.41422 * width + way_a + way[b]) ** 2:
+            if dx * dx + dy * dy > (DIAGONAL * width + way_a + way[b]) ** 2:
                 continue
-            cos, sin = c[a] * c[b] + s[a] * s[b], c[a] * s[b] - s[a] * c[b]
-            on_a = max(abs(dx * c[a] + dy * s[a]), abs(dy * c[a] - dx * s[a]))
-            on_b = max(abs(dx * c[b] + dy * s[b]), abs(dy * c[b] - dx * s[b]))
-            gap = max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin))
+            gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
             if gap > margin:
                 continue
             if m == room:
@@ -166,28 +188,124 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             same = same and ra[m] == a and rb[m] == other[k]
             na[m], nb[m], new_corner[m] = a, other[k], 0
             m += 1
-        if wall == 0 or mobile[a] == 0.0:
+        if wall == 0 or mobile[a] == 0.0 or off_wall(wall, wall_x, wall_y, x[a], y[a],
+                                                     0.5 * DIAGONAL * width + way_a):
             continue
-        reach = 0.70711 * width + way_a
-        if wall == CIRCLE:
-            near = wall_x - reach
-            if near > 0.0 and x[a] * x[a] + y[a] * y[a] < near * near:
+        for code in range(8):
+            gap = corner_gap(wall, code, wall_x, wall_y, x[a], y[a], c[a], s[a], half)
+            if gap > far_a:
                 continue
-        elif abs(x[a]) + reach < wall_x and abs(y[a]) + reach < wall_y:
-            continue
-        for q in range(4):  # corners, counter-clockwise from that between E and N
-            rx, ry = corner_arm(q, half, c[a], s[a])
-            for side in range(1 if wall == CIRCLE else 2):
-                gap, _, _ = wall_gap(wall, side, wall_x, wall_y, x[a] + rx, y[a] + ry)
-                if gap > far_a:
-                    continue
-                if m == room:
-                    return -1, False, 0.0
-                deepest = min(deepest, gap)
-                same = same and ra[m] == a and rb[m] == n and corner[m] == 2 * q + side
-                na[m], nb[m], new_corner[m] = a, n, 2 * q + side
-                m += 1
+            if m == room:
+                return -1, False, 0.0
+            deepest = min(deepest, gap)
+            same = same and ra[m] == a and rb[m] == n and corner[m] == code
+            na[m], nb[m], new_corner[m] = a, n, code
+            m += 1
     return m, not (same and m == before), -deepest
+
+
+@inline
+def add_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x: float,
+             wall_y: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
+             s: np.ndarray, mobile: np.ndarray, marked: np.ndarray, im: float, mu: float,
+             e: float, mu_wall: float, e_wall: float, way: np.ndarray, far: np.ndarray,
+             widest: float) -> int:
+    """Rows that the marked tiles have besides those that there are.
+
+    These tiles will come further, `way` and `far` (m), than was assumed at the beginning of the
+    step; all others not.  No tile will be further than `widest` (m) from where it was when the
+    pairs were listed.  Returns the number of new rows, -1 where they do not fit.
+    """
+    near, half = rows.used, 0.5 * width
+    m, found = rows.size[0], 0
+    most = min(rows.a.size - m, rows.single.size - rows.first[COLOURS])
+    for a in range(n):
+        if marked[a] == 0:
+            continue
+        c[a], s[a] = cos_sin(angle[a])
+        for j in range(near_place(pairs, x[a], y[a], DIAGONAL * width + way[a] + widest, near)):
+            b = U(near[j])
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            # Two that are marked are found by the first of them.
+            if (near[j] == a or (marked[b] != 0 and near[j] < a)
+                    or dx * dx + dy * dy > (DIAGONAL * width + way[a] + way[b]) ** 2):
+                continue
+            c[b], s[b] = cos_sin(angle[b])
+            if (pair_gap(dx, dy, c[a], s[a], c[b], s[b], half) > far[a] + far[b]
+                    or has_row(rows, a, near[j], n, 0)):
+                continue
+            if found == most:
+                return -1
+            insert(rows, found, min(a, near[j]), max(a, near[j]), 0)
+            found += 1
+        if wall == 0 or off_wall(wall, wall_x, wall_y, x[a], y[a],
+                                 0.5 * DIAGONAL * width + way[a]):
+            continue
+        for code in range(8):
+            gap = corner_gap(wall, code, wall_x, wall_y, x[a], y[a], c[a], s[a], half)
+            if gap > far[a] or has_row(rows, a, n, n, code):
+                continue
+            if found == most:
+                return -1
+            insert(rows, found, a, n, code)
+            found += 1
+    if found == 0:
+        return 0
+
+    # Among the rows that there are, from the last one down; each in a block of its own.
+    ra, rb, corner, slot = rows.a, rows.b, rows.corner, rows.slot
+    na, nb, new_corner, field = rows.new_a, rows.new_b, rows.new_corner, rows.field
+    block = rows.first[COLOURS]
+    rows.first[COLOURS] += found
+    rows.size[0] = m + found
+    i, j = m - 1, found - 1
+    for to in range(m + found - 1, -1, -1):
+        if j < 0:
+            break
+        if i >= 0 and earlier(na[j], nb[j], new_corner[j], ra[i], rb[i], corner[i]):
+            ra[to], rb[to], corner[to], slot[to] = ra[i], rb[i], corner[i], slot[i]
+            i -= 1
+            continue
+        a, b, code = na[j], nb[j], float(new_corner[j])
+        ra[to], rb[to], corner[to], slot[to] = a, b, new_corner[j], (block + j) * int(BLOCK)
+        empty_block(rows, block + j, n, BLOCK)
+        fill_lane(rows, U(slot[to]), (block + j) * int(BODIES), a, b, n, mobile, im, mu, e,
+                  mu_wall, e_wall)
+        if b == n:
+            field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = code, code
+        j -= 1
+    index_rows(rows, m + found, n, mobile)
+    return found
+
+
+@lane
+def earlier(a: int, b: int, code: int, other_a: int, other_b: int, other_code: int) -> bool:
+    """Whether a row is before another one in the order of rows."""
+    return (a < other_a) | ((a == other_a) & ((b < other_b)
+                                              | ((b == other_b) & (code < other_code))))
+
+
+@inline
+def insert(rows: Rows, found: int, a: int, b: int, code: int) -> None:
+    """Put a row in its place among the new ones, of which there are so many."""
+    na, nb, new_corner = rows.new_a, rows.new_b, rows.new_corner
+    j = found
+    while j > 0 and earlier(a, b, code, na[j - 1], nb[j - 1], new_corner[j - 1]):
+        na[j], nb[j], new_corner[j] = na[j - 1], nb[j - 1], new_corner[j - 1]
+        j -= 1
+    na[j], nb[j], new_corner[j] = a, b, code
+
+
+@inline
+def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
+    """Whether there is a row of a mobile tile a and b, at this corner if b is the wall."""
+    body, of = rows.body, rows.of
+    for p in range(rows.start[a], rows.start[a + 1]):
+        t = U(of[p] // 8) * BODIES + U(of[p] % 8)
+        if (((body[t] == a and body[t + LANES] == b) or (body[t] == b and body[t + LANES] == a))
+                and (b < n or rows.field[U(of[p] // 8) * BLOCK + U(of[p] % 8) + ID1] == code)):
+            return True
+    return False
 
 
 @lane
@@ -196,6 +314,18 @@ def corner_arm(q: int, half: float, c: float, s: float) -> Any:
     ex = half if (q == 0) | (q == 3) else -half
     ey = half if q < 2 else -half
     return c * ex - s * ey, s * ex + c * ey
+
+
+@lane
+def corner_gap(wall: int, code: int, wall_x: float, wall_y: float, x: float, y: float, c: float,
+               s: float, half: float) -> float:
+    """Gap of a tile's corner to a side of the wall, both told by a code (m).
+
+    The corner is code / 2, and the side of a rectangle code % 2; a circle has but one, side 0.
+    """
+    rx, ry = corner_arm(code // 2, half, c, s)
+    gap, _, _ = wall_gap(wall, code % 2, wall_x, wall_y, x + rx, y + ry)
+    return math.inf if (wall == CIRCLE) & (code % 2 == 1) else gap
 
 
 @lane
@@ -212,20 +342,20 @@ def wall_gap(wall: int, side: int, wall_x: float, wall_y: float, px: float, py: 
 
 @inline
 def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: float, e: float,
-                mu_wall: float, e_wall: float) -> None:
+                mu_wall: float, e_wall: float) -> bool:
     """Take the m new rows, and give them their places in the blocks, empty of impulses.
 
-    Greedily, in order: a row takes the first colour that none of its mobile tiles has.
+    Greedily, in order: a row takes the first colour that none of its mobile tiles has.  Returns
+    whether the blocks are enough, with some to spare for rows that are found late.
     """
     used, fill, first, slot = rows.used, rows.fill, rows.first, rows.slot
-    ra, rb, field, body = rows.a, rows.b, rows.field, rows.body
+    ra, rb = rows.a, rows.b
     rows.size[0] = m
     copy(rows.new_a, ra, m)
     copy(rows.new_b, rb, m)
     copy(rows.new_corner, rows.corner, m)
     used[:] = 0
     fill[:] = 0
-    last = PAIR_COLOURS - 1
     for i in range(m):
         a, b = ra[i], rb[i]
         colour = 0
@@ -233,54 +363,82 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
             colour = PAIR_COLOURS + used[a] // 2**PAIR_COLOURS
             used[a] += 2**PAIR_COLOURS
         else:
-            taken = (used[a] | used[b]) & (2**last - 1)
+            taken = (used[a] | used[b]) & (2**PAIR_COLOURS - 1)
             while taken & 1:
                 taken >>= 1
                 colour += 1
-            if colour < last:
+            if colour < PAIR_COLOURS:
                 used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
                 used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
+            else:
+                colour = ALONE
         slot[i] = colour
         fill[colour] += 1
     first[0] = 0
     for q in range(COLOURS):
-        first[q + 1] = first[q] + (fill[q] if q == last else (fill[q] + 7) // 8)
+        first[q + 1] = first[q] + (fill[q] if q == ALONE else (fill[q] + 7) // 8)
         fill[q] = 0
-    start, of = rows.start, rows.of
-    start[:] = 0
-    for i in range(m):
-        start[ra[i] + 1] += 1
-        start[rb[i] + 1] += 1
-    for i in range(n):
-        start[i + 1] = start[i] + (start[i + 1] if mobile[i] != 0.0 else 0)
-        used[i] = start[i]
+    if first[COLOURS] > 3 * rows.single.size // 4:
+        return False
     for block in range(first[COLOURS]):
-        o, t = U(block) * BLOCK, U(block) * BODIES
         # `place_pairs` writes every other field of every lane, `place_walls` does not.
-        for j in range(ZEROED if block < first[PAIR_COLOURS] else BLOCK):
-            field[o + j] = 0.0
-        for j in range(BODIES):
-            body[t + j] = n
+        empty_block(rows, block, n, ZEROED if block < first[PAIR_COLOURS] else BLOCK)
     for i in range(m):
         q = slot[i]
         block, at = first[q] + fill[q] // 8, fill[q] % 8
-        if q == last:
+        if q == ALONE:
             block, at = first[q] + fill[q], 0
         fill[q] += 1
-        a, b = ra[i], rb[i]
-        lane_a = U(block) * BODIES + U(at)
-        body[lane_a], body[lane_a + LANES] = a, b
+        slot[i] = block * int(BLOCK) + at
+        fill_lane(rows, U(slot[i]), block * int(BODIES) + at, ra[i], rb[i], n, mobile, im, mu, e,
+                  mu_wall, e_wall)
+    index_rows(rows, m, n, mobile)
+    return True
+
+
+@inline
+def empty_block(rows: Rows, block: int, n: int, fields: int) -> None:
+    """A block without rows; the first `fields` numbers of it are zero."""
+    field, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for j in range(U(fields)):
+        field[o + j] = 0.0
+    for j in range(BODIES):
+        body[t + j] = n
+
+
+@inline
+def fill_lane(rows: Rows, k: int, t: int, a: int, b: int, n: int, mobile: np.ndarray, im: float,
+              mu: float, e: float, mu_wall: float, e_wall: float) -> None:
+    """Put the row of a and b into lane k of the fields, and t of the bodies."""
+    field, body = rows.field, rows.body
+    k, t = U(k), U(t)
+    body[t], body[t + LANES] = a, b
+    field[k + MA], field[k + MB] = im * mobile[a], im * mobile[b]
+    field[k + MU], field[k + E] = (mu_wall, e_wall) if b == n else (mu, e)
+    field[k + ID0], field[k + ID1] = -2.0, -2.0
+
+
+@inline
+def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
+    """List the rows of every mobile tile, in order."""
+    ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
+    start[:] = 0
+    for i in range(m):
+        start[U(ra[i]) + U(1)] += 1
+        start[U(rb[i]) + U(1)] += 1
+    for i in range(n):
+        start[i + 1] = start[i] + (start[i + 1] if mobile[i] != 0.0 else 0)
+        fill[i] = start[i]
+    for i in range(m):
+        a, b, k = U(ra[i]), U(rb[i]), U(slot[i])
+        row = int(k // BLOCK * U(8) + k % BLOCK)
         if mobile[a] != 0.0:
-            of[used[a]] = 8 * block + at
-            used[a] += 1
-        if b != n and mobile[b] != 0.0:
-            of[used[b]] = 8 * block + at
-            used[b] += 1
-        k = U(block) * BLOCK + U(at)
-        slot[i] = k
-        field[k + MA], field[k + MB] = im * mobile[a], im * mobile[b]
-        field[k + MU], field[k + E] = (mu_wall, e_wall) if b == n else (mu, e)
-        field[k + ID0], field[k + ID1] = -2.0, -2.0
+            of[fill[a]] = row
+            fill[a] += 1
+        if mobile[b] != 0.0:  # the ground is not
+            of[fill[b]] = row
+            fill[b] += 1
 
 
 @inline
@@ -412,20 +570,17 @@ def place_walls(rows: Rows, block: int, n: int, width: float, h: float, wall: in
 
 
 @inline
-def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: float,
-               wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
-               vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
-    """Where all rows touch now."""
-    walls = rows.first[PAIR_COLOURS]
-    for block in range(walls):
-        look(rows, block, x, y, c, s, vx, vy, w)
-    for block in range(walls):
-        place_pairs(rows, block, width, h)
-    for block in range(walls):
-        if passing(rows, block) > 0:
-            foresee(rows, block, width, h)
-    for block in range(walls, rows.first[COLOURS]):
+def place_block(rows: Rows, block: int, n: int, width: float, h: float, wall: int, wall_x: float,
+                wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
+                vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """Where the rows of any one block touch now."""
+    if rows.body[U(block) * BODIES + LANES] == n:
         place_walls(rows, block, n, width, h, wall, wall_x, wall_y, x, y, c, s, vx, vy, w)
+        return
+    look(rows, block, x, y, c, s, vx, vy, w)
+    place_pairs(rows, block, width, h)
+    if passing(rows, block) > 0:
+        foresee(rows, block, width, h)
 
 
 @inline
@@ -478,12 +633,47 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
 
 
 @inline
-def weigh(rows: Rows, h: float, per_mass: float, threshold: float) -> int:
-    """`weigh_block` for all blocks; returns the number of points that hit."""
-    struck = 0
-    for block in range(rows.first[COLOURS]):
-        struck += weigh_block(rows, block, h, per_mass, threshold)
-    return struck
+def deepest_gap(rows: Rows, block: int) -> float:
+    """Deepest overlap of the rows of a block that are in contact, as a gap < 0; else 0 (m)."""
+    r = rows.field
+    o = U(block) * BLOCK
+    deepest = 0.0
+    for i in range(LANES):
+        gap = min(r[o + GAP0 + i], r[o + GAP1 + i])
+        deepest = min(deepest, gap if r[o + COUNT + i] != 0.0 else 0.0)
+    return deepest
+
+
+@inline
+def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: float,
+               wall_y: float, per_mass: float, threshold: float, x: np.ndarray, y: np.ndarray,
+               c: np.ndarray, s: np.ndarray, vx: np.ndarray, vy: np.ndarray, w: np.ndarray
+               ) -> Any:
+    """Where all rows touch now, and what they weigh: `place_block` and `weigh_block`.
+
+    CHUNK blocks at a time: they stay in the first-level cache from one loop to the next, and what
+    `look` has written is not read before it has got there.  Returns the number of points that hit,
+    and the deepest overlap (m).
+    """
+    struck, deepest = 0, 0.0
+    first, pairs = rows.first, rows.first[PAIR_COLOURS]
+    for start in range(0, first[COLOURS], CHUNK):
+        end = min(start + CHUNK, first[COLOURS])
+        if end <= pairs:
+            for block in range(start, end):
+                look(rows, block, x, y, c, s, vx, vy, w)
+            for block in range(start, end):
+                place_pairs(rows, block, width, h)
+            for block in range(start, end):
+                if passing(rows, block) > 0:
+                    foresee(rows, block, width, h)
+        else:
+            for block in range(start, end):
+                place_block(rows, block, n, width, h, wall, wall_x, wall_y, x, y, c, s, vx, vy, w)
+        for block in range(start, end):
+            struck += weigh_block(rows, block, h, per_mass, threshold)
+            deepest = min(deepest, deepest_gap(rows, block))
+    return struck, -deepest
 
 
 @inline

@@ -39,7 +39,6 @@ from tbsa.kernels.contacts import (
     MU,
     NX,
     NY,
-    PAIR_COLOURS,
     PN0,
     PN1,
     PT,
@@ -54,11 +53,7 @@ from tbsa.kernels.contacts import (
     E,
     Rows,
     corner_arm,
-    foresee,
-    look,
-    passing,
-    place_pairs,
-    place_walls,
+    place_block,
     wall_gap,
     weigh_block,
 )
@@ -221,14 +216,8 @@ def place_again(rows: Rows, block: int, k: Numbers, per_mass: float, v: Bodies, 
     hits = rows.hits[block]
     for i in range(LANES):
         r[o + CHANGE + i] = r[o + HIT + i]
-    if block < rows.first[PAIR_COLOURS]:
-        look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
-        place_pairs(rows, block, k.width, k.h)
-        if passing(rows, block) > 0:
-            foresee(rows, block, k.width, k.h)
-    else:
-        place_walls(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx,
-                    v.vy, v.w)
+    place_block(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx, v.vy,
+                v.w)
     weigh_block(rows, block, k.h, per_mass, k.threshold)
     for i in range(LANES):
         r[o + HIT + i] = r[o + CHANGE + i]

@@ -22,13 +22,18 @@ class Pairs(NamedTuple):
     x: np.ndarray  # float64[n], where the tiles were
     y: np.ndarray
     margin: np.ndarray  # float64[n], m, how far each may go from there; -1: never built
+    first: np.ndarray  # int64[cells + 1], where the tiles of every cell begin in ...
+    inside: np.ndarray  # int64[n]
+    corner: np.ndarray  # float64[3], m, the least x and y of the tiles, and the size of a cell
+    cells: np.ndarray  # int64[2], along x and along y
 
 
 def empty_pairs(n: int, capacity: int) -> Pairs:
     """Space for the pairs of `n` tiles."""
     return Pairs(
         np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), np.zeros(n), np.zeros(n),
-        np.full(n, -1.0),
+        np.full(n, -1.0), np.zeros(int(2.0 * n**0.5 + 4.0) ** 2 + 1, np.int64),
+        np.zeros(n, np.int64), np.zeros(3), np.zeros(2, np.int64),
     )
 
 
@@ -53,7 +58,7 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
     Returns the number of pairs found; where that exceeds the capacity the list is of no use and
     the caller grows it.  -1: a position is not finite.
     """
-    start, other = pairs.start, pairs.other
+    start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
     widest = 0.0
     for i in range(n):
@@ -65,18 +70,20 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
     # so that there are never more than a few cells a tile.
     cell = max(0.5 * reach, max(x1 - x0, y1 - y0) / (2.0 * np.sqrt(n) + 2.0))
     nx, ny = int((x1 - x0) / cell) + 1, int((y1 - y0) / cell) + 1
-    first = np.zeros(nx * ny + 1, np.int64)
-    at = np.empty(n, np.int64)
+    pairs.corner[0], pairs.corner[1], pairs.corner[2] = x0, y0, cell
+    pairs.cells[0], pairs.cells[1] = nx, ny
+    # Counted one cell on, so that filling moves every start to its place.
+    first[: nx * ny + 1] = 0
     for i in range(n):
-        at[i] = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
-        first[at[i] + 1] += 1
-    for k in range(nx * ny):
-        first[k + 1] += first[k]
-    fill = first[:-1].copy()
-    inside = np.empty(n, np.int64)
+        at = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
+        if at + 2 <= nx * ny:
+            first[at + 2] += 1
+    for k in range(2, nx * ny + 1):
+        first[k] += first[k - 1]
     for i in range(n):
-        inside[fill[at[i]]] = i
-        fill[at[i]] += 1
+        at = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
+        inside[first[at + 1]] = i
+        first[at + 1] += 1
 
     found, room = 0, other.size
     for a in range(n):
@@ -108,3 +115,24 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
     copy(x, pairs.x, n)
     copy(y, pairs.y, n)
     return found
+
+
+@inline
+def near_place(pairs: Pairs, x: float, y: float, far: float, found: np.ndarray) -> int:
+    """List, into `found`, the tiles that were in the cells within `far` (m) of a place when the
+    pairs were listed; returns how many."""
+    first, inside = pairs.first, pairs.inside
+    x0, y0, cell = pairs.corner[0], pairs.corner[1], pairs.corner[2]
+    nx, ny = pairs.cells[0], pairs.cells[1]
+    m = 0
+    if nx == 0:
+        return m
+    left, right = max((x - far - x0) / cell, 0.0), min((x + far - x0) / cell, nx - 1.0)
+    low, high = max((y - far - y0) / cell, 0.0), min((y + far - y0) / cell, ny - 1.0)
+    if not (left <= right and low <= high):  # beyond them all, or not a number
+        return m
+    for row in range(int(low), int(high) + 1):
+        for k in range(first[int(left) + nx * row], first[int(right) + nx * row + 1]):
+            found[m] = inside[k]
+            m += 1
+    return m

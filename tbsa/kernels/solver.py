@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tbsa.kernels.contacts import (
+    ALONE,
     AN0,
     AN1,
     AT,
@@ -37,6 +38,7 @@ from tbsa.kernels.contacts import (
     BX,
     BY,
     CHANGE,
+    CHUNK,
     COLOURS,
     COUNT,
     GAP0,
@@ -277,28 +279,64 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
 
 
 @inline
+def gather_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> Any:
+    """The velocities of the bodies of row q (8 block + lane), into its lane, which it returns."""
+    r, body = rows.field, rows.body
+    i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
+    r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
+    return i
+
+
+@inline
+def scatter_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """And back."""
+    r, body = rows.field, rows.body
+    i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
+    vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
+
+
+@inline
+def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
+    """Solve row q alone; returns by how much (m/s) it changed."""
+    r, vx, vy, w = rows.field, v.vx, v.vy, v.w
+    i = gather_row(rows, q, vx, vy, w)
+    solve_mixed(r, i, U(1), per_mass)
+    scatter_row(rows, q, vx, vy, w)
+    return float(r[i + CHANGE])
+
+
+@inline
 def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
     """Apply the impulses that the rows carry."""
     r, first, active = rows.field, rows.first, rows.active
     vx, vy, w = v.vx, v.vy, v.w
-    for colour in range(COLOURS):
-        m = 0
-        for block in range(first[colour], first[colour + 1]):
-            o = U(block) * BLOCK
-            some = 0
-            for i in range(LANES):
-                some += 1 if (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) else 0
-            active[m] = block
-            m += 1 if some > 0 else 0
-        for j in range(m):
-            gather(rows, active[j], vx, vy, w)
-        for j in range(m):
-            o = U(active[j]) * BLOCK
-            for i in range(LANES):
-                k = o + i
-                push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
-        for j in range(m):
-            scatter(rows, active[j], vx, vy, w)
+    for colour in range(ALONE):
+        for start in range(first[colour], first[colour + 1], CHUNK):
+            m = 0
+            for block in range(start, min(start + CHUNK, first[colour + 1])):
+                o = U(block) * BLOCK
+                some = 0
+                for i in range(LANES):
+                    some += 1 if (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) else 0
+                active[m] = block
+                m += 1 if some > 0 else 0
+            for j in range(m):
+                gather(rows, active[j], vx, vy, w)
+            for j in range(m):
+                o = U(active[j]) * BLOCK
+                for i in range(LANES):
+                    k = o + i
+                    push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+            for j in range(m):
+                scatter(rows, active[j], vx, vy, w)
+    for block in range(first[ALONE], first[COLOURS]):
+        k = gather_row(rows, 8 * block, vx, vy, w)
+        push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+        scatter_row(rows, 8 * block, vx, vy, w)
 
 
 @inline
@@ -308,30 +346,21 @@ def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool) -> None:
     vx, vy, w = v.vx, v.vy, v.w
     for q in range(COLOURS):
         colour = q if forward else COLOURS - 1 - q
-        start, end = first[colour], first[colour + 1]
-        for block in range(start, end):
-            gather(rows, block, vx, vy, w)
-        for block in range(start, end):
-            if single[block] == 0:
-                solve_pairs(r, block, per_mass)
-            else:
-                solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
-        for block in range(start, end):
-            scatter(rows, block, vx, vy, w)
-
-
-@inline
-def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
-    """Solve row q (8 block + lane) alone; returns by how much (m/s) it changed."""
-    r, body, vx, vy, w = rows.field, rows.body, v.vx, v.vy, v.w
-    i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
-    a, b = U(body[t]), U(body[t + LANES])
-    r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
-    r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
-    solve_mixed(r, i, U(1), per_mass)
-    vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
-    vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
-    return float(r[i + CHANGE])
+        if colour == ALONE:
+            for block in range(first[ALONE], first[COLOURS]):
+                solve_row(rows, 8 * block, per_mass, v)
+            continue
+        for start in range(first[colour], first[colour + 1], CHUNK):
+            end = min(start + CHUNK, first[colour + 1])
+            for block in range(start, end):
+                gather(rows, block, vx, vy, w)
+            for block in range(start, end):
+                if single[block] == 0:
+                    solve_pairs(r, block, per_mass)
+                else:
+                    solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
+            for block in range(start, end):
+                scatter(rows, block, vx, vy, w)
 
 
 @lane

@@ -25,7 +25,7 @@ DONE = {
     "lists": ("lists of near pairs built", "a step"),
     "magnet_lists": ("lists of magnet pairs built", "a step"),
     "magnet_pairs": ("magnet pairs with a force computed", "a step"),
-    "surprises": ("rows found again within a step", "a step"),
+    "surprises": ("times rows were added or found again within a step", "a step"),
     "rows": ("manifolds solved", "a substep"),
     "passes": ("passes of the contact solver", "a substep"),
     "solves": ("manifolds in all passes", "a substep"),
