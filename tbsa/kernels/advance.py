@@ -510,7 +510,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     rows.first[:] = 0
     rows.effort[:] = 0
     error, done = OK, 0
-    m, known, late = np.int64(0), False, False
+    m, known, late = np.int64(0), False, np.int64(0)  # rows; of these found within a step
     wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
@@ -549,7 +549,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             c, s, v.mobile, v.moved, im, k.mu, k.e, k.mu_wall, k.e_wall, way, far,
                             widest(n, x, y, work.pairs, way))
                     if added >= 0:
-                        m, late = m + added, late or added > 0
+                        m, late = m + added, late + added
                     else:
                         ahead = np.int64(1) if whole else np.int64(0)
                         if reach > 0.0:
@@ -564,11 +564,11 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             error = MORE_ROWS
                             break
                         # As if rows had not been there before: a run may go on from here.
-                        if changed or not known or (whole and late):
+                        if changed or not known or (whole and late > 0):
                             if known:
                                 scale_impulses(rows, TICKS / before_ticks)
                                 remember(rows, m, n, state.impulses)
-                            m, late = found, False
+                            m, late = found, np.int64(0)
                             known = colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall,
                                                 k.e_wall)
                             if not known:

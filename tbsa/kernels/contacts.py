@@ -266,8 +266,8 @@ def add_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x: 
             ra[to], rb[to], corner[to], slot[to] = ra[i], rb[i], corner[i], slot[i]
             i -= 1
             continue
-        a, b, code = na[j], nb[j], float(new_corner[j])
-        ra[to], rb[to], corner[to], slot[to] = a, b, new_corner[j], (block + j) * int(BLOCK)
+        a, b, code = na[j], nb[j], new_corner[j]
+        ra[to], rb[to], corner[to], slot[to] = a, b, code, (block + j) * int(BLOCK)
         empty_block(rows, block + j, n, BLOCK)
         fill_lane(rows, U(slot[to]), (block + j) * int(BODIES), a, b, n, mobile, im, mu, e,
                   mu_wall, e_wall)
@@ -412,11 +412,11 @@ def fill_lane(rows: Rows, k: int, t: int, a: int, b: int, n: int, mobile: np.nda
               mu: float, e: float, mu_wall: float, e_wall: float) -> None:
     """Put the row of a and b into lane k of the fields, and t of the bodies."""
     field, body = rows.field, rows.body
-    k, t = U(k), U(t)
-    body[t], body[t + LANES] = a, b
-    field[k + MA], field[k + MB] = im * mobile[a], im * mobile[b]
-    field[k + MU], field[k + E] = (mu_wall, e_wall) if b == n else (mu, e)
-    field[k + ID0], field[k + ID1] = -2.0, -2.0
+    i, j = U(k), U(t)
+    body[j], body[j + LANES] = a, b
+    field[i + MA], field[i + MB] = im * mobile[a], im * mobile[b]
+    field[i + MU], field[i + E] = (mu_wall, e_wall) if b == n else (mu, e)
+    field[i + ID0], field[i + ID1] = -2.0, -2.0
 
 
 @inline
