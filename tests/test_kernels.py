@@ -21,6 +21,7 @@ from twins import all_magnet_forces, near_pairs, separations
 
 import tbsa
 from tbsa.kernels import jit
+from tbsa.kernels.advance import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
 from tbsa.kernels.contacts import (
     ALONE,
     BLOCK,
@@ -218,22 +219,27 @@ def grid():
                  types=CHESSBOARD, magnet=Magnet(cutoff=0.5), body=Material(), **DEFAULT)
 
 
-def test_a_list_that_grows_in_a_run_makes_no_difference():
-    small, large = Simulation(grid()), Simulation(grid())
-    capacity = small._work.pairs.other.size
-    large._grow()
-    large._grow()
+def spacious(scene):
+    """A simulation with space for all that the scene may need, from the beginning."""
+    s = Simulation(scene)
+    for what in (MORE_PAIRS, MORE_ROWS, MORE_MAGNETS) * 3:
+        s._grow(what)
+    return s
+
+
+def test_lists_that_grow_in_a_run_make_no_difference():
+    small, large = Simulation(grid()), spacious(grid())
+    before = small._work
     for s in (small, large):
         s.advance(3)
-    assert capacity < 64 * 63 // 2 <= small._work.pairs.other.size
+    assert before.pairs.other.size < 64 * 63 // 2 <= small._work.pairs.other.size
+    assert before.magnets.p.size < 8 * 64 * 63 < small._work.magnets.p.size
     assert (state(small) == state(large)).all()
     assert (small.state.impulses.size == large.state.impulses.size).all()
 
 
 def test_a_list_that_grows_for_the_forces_makes_no_difference():
-    s, large = Simulation(grid()), Simulation(grid())
-    large._grow()
-    large._grow()
+    s, large = Simulation(grid()), spacious(grid())
     assert (np.array(s.magnet_forces()) == np.array(large.magnet_forces())).all()
 
 
@@ -554,7 +560,7 @@ def test_a_changed_helper_takes_effect_although_kernels_are_cached(tmp_path):
     before = np.array(python(BOND, tmp_path, **environment))
     helper = tmp_path / "tbsa" / "kernels" / "magnets.py"
     text = helper.read_text()
-    changed = text.replace("f = strength[i] * switch(", "f = 2.0 * strength[i] * switch(")
+    changed = text.replace("f = strength[o + i] * ", "f = 2.0 * strength[o + i] * ")
     assert changed != text
     helper.write_text(changed)
     after = np.array(python(BOND, tmp_path, **environment))

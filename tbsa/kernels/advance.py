@@ -77,7 +77,7 @@ from tbsa.kernels.solver import (
 )
 
 # Error words of `advance`.
-OK, MORE_PAIRS, MORE_ROWS, NOT_FINITE, TOO_FAST, TOO_MANY = 0, 1, 2, 3, 4, 5
+OK, MORE_PAIRS, MORE_ROWS, MORE_MAGNETS, NOT_FINITE, TOO_FAST, TOO_MANY = range(7)
 
 # Two tiles that may touch turn, in root of the sum of squares, no further than this in a substep
 # (rad), or as far as an eighth of the substep allows: their corners then come nearer than by their
@@ -461,7 +461,7 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     counts.magnet_lists[0] += 1
     found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
                          turning, near)
-    return OK if fits(found, ahead, near.p.size) else MORE_PAIRS
+    return OK if fits(found, ahead, near.p.size) else MORE_MAGNETS
 
 
 @inline
@@ -489,9 +489,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             first: int, steps: int, reach: float) -> tuple[int, int]:
     """Advance by `steps` steps, the first of which is number `first` of the run.
 
-    Returns the error word and the steps done; on MORE_PAIRS and MORE_ROWS the state is that
-    before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs have
-    multiplied within a step.
+    Returns the error word and the steps done; on MORE_PAIRS, MORE_ROWS and MORE_MAGNETS the state
+    is that before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs
+    have multiplied within a step.
     """
     n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
     x, y, angle, last = state.x, state.y, state.angle, state.last

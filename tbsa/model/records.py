@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tbsa.errors import InputError
+from tbsa.kernels.advance import MORE_ROWS
 from tbsa.model.layout import Layout
 from tbsa.model.scene import Scene, dumps, engine_path, fingerprint, load, tile_count
 from tbsa.model.simulation import Simulation
@@ -195,7 +196,7 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
         raise InputError(f"is damaged: must hold {n} finite numbers a field", file=str(path))
     size = data["impulse_a"].size
     while state.impulses.a.size < size:
-        simulation._grow()
+        simulation._grow(MORE_ROWS)
         state = simulation.state
     for name in FIELDS:
         getattr(state, name)[:-1] = data[name]

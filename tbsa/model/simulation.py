@@ -56,11 +56,6 @@ def floor_limits(scene: Scene) -> tuple[float, float]:
     return force, floor.angular * weight * TORQUE * body.width
 
 
-def _rows(pairs: int) -> int:
-    """Manifolds that there is space for beside so many near pairs, half of which touch at most."""
-    return pairs // 2 + 64
-
-
 class Simulation:
     """One run of a scene.
 
@@ -99,7 +94,8 @@ class Simulation:
         self.steps = 0
         self.h = scene.solver.step
         ground = np.zeros(1)
-        capacity = 10 * n + 128
+        self._capacity = {core.MORE_PAIRS: 10 * n + 128, core.MORE_ROWS: 5 * n + 128,
+                          core.MORE_MAGNETS: 30 * n + 400}
         free = np.where(layout.held, 0.0, 1.0)
         x, y, angle, vx, vy, omega = (
             np.concatenate([np.asarray(values, float), ground])
@@ -108,7 +104,7 @@ class Simulation:
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
                                 np.array([scene.solver.passes, core.TICKS]),  # not known calm
-                                empty_impulses(_rows(capacity)))
+                                empty_impulses(self._capacity[core.MORE_ROWS]))
         types = scene.types
         self.tiles = core.Tiles(
             np.concatenate([free, ground]),
@@ -153,16 +149,18 @@ class Simulation:
         reach = max(1.41422 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
         self._reach = 1.001 * reach if n > 1 else 0.0
         self.counts = core.empty_counts()
-        self._work = self._space(capacity)
+        self._work = self._space()
 
-    def _space(self, capacity: int) -> core.Work:
-        n = self.numbers.n
+    def _space(self) -> core.Work:
+        n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
         scratch = columns(n + 1, [float] * 18)
-        rows = empty_rows(n, _rows(capacity))
+        rows = empty_rows(n, self._capacity[core.MORE_ROWS])
+        magnetic = self.magnets.cutoff > 0.0
         return core.Work._make([
-            empty_pairs(n, capacity), rows, empty_bodies(n), empty_bodies(n),
+            empty_pairs(n, pairs), rows, empty_bodies(n), empty_bodies(n),
             empty_scratch(n, rows.active.size), *scratch,
-            empty_magnet_pairs(n, capacity if self.magnets.cutoff > 0.0 else 0),
+            empty_magnet_pairs(n, pairs if magnetic else 0,
+                               self._capacity[core.MORE_MAGNETS] if magnetic else 0),
         ])
 
     @property
@@ -222,8 +220,8 @@ class Simulation:
                     f"t = {self.time} s and {self.time + left * self.h} s")
             self.steps += done
             left -= done
-            if error in (core.MORE_PAIRS, core.MORE_ROWS):
-                self._grow()
+            if error in self._capacity:
+                self._grow(error)
             elif error == core.TOO_FAST:
                 speed = float(np.hypot(self.vx, self.vy).max())
                 raise SimulationError(
@@ -245,12 +243,17 @@ class Simulation:
         """Advance by a time (s), to the nearest step."""
         self.advance(round(seconds / self.h))
 
-    def _grow(self) -> None:
-        capacity = 2 * self._work.pairs.other.size
-        self._work = self._space(capacity)
-        old, new = self.state.impulses, empty_impulses(_rows(capacity))
-        for a, b in zip(old, new, strict=True):
-            b[: a.size] = a
+    def _grow(self, what: int) -> None:
+        """Twice the space for what an error word of `advance` says there is not enough of."""
+        self._capacity[what] *= 2
+        self._work = self._space()
+        if what != core.MORE_ROWS:
+            return
+        old, new = self.state.impulses, empty_impulses(self._capacity[what])
+        used = int(old.size[0])
+        new.size[0] = used
+        for a, b in zip(old[1:], new[1:], strict=True):
+            b[:used] = a[:used]  # no more: memory that nobody touches costs nothing
         self.state = self.state._replace(impulses=new)
 
     def magnet_forces(self) -> tuple[Floats, Floats, Floats]:
@@ -260,11 +263,11 @@ class Simulation:
         if self.magnets.cutoff > 0.0 and n > 1:
             while build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
                               np.zeros(n)) > self._work.pairs.other.size:
-                self._grow()
+                self._grow(core.MORE_PAIRS)
             while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
                                 self.angle, self._work.magnets, fx, fy,
                                 torque) > self._work.magnets.p.size:
-                self._grow()
+                self._grow(core.MORE_MAGNETS)
                 build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
                             np.zeros(n))
         return fx, fy, torque
