@@ -3,9 +3,11 @@
     python -m paper_runs.calibrate                  # report, to paper_runs/calibration.md too
     python -m paper_runs.calibrate --finals 4       # and paper_runs/finals.toml: the best, in full
 
-Three campaigns, each of which may be missing or done in part: calibration.toml (maps, short),
-finals.toml (the best points of the maps for the paper's 3600 s, written by this command), and
-readings.toml.  The choice is made from the finals where there are any, else from the maps.
+Four campaigns, each of which may be missing or done in part: calibration.toml (maps, short),
+finals.toml (the best points of the maps for the paper's 3600 s, written by this command),
+refined.toml (torques about the nearest final's, more seeds), and readings.toml.  The choice is
+made from the finals where there are any, else from the maps.  Refined runs take the place of a
+final's of the same setting, which may have been the nearest by chance.
 
 The rule
 --------
@@ -336,12 +338,14 @@ def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
             lines.append(f"- {name}: nothing yet{missing}")
         elif file.exists():
             said, missing_runs = against_plan(file, tables[name])
-            whole &= name != "finals" or not missing_runs
+            whole &= name not in ("finals", "refined") or not missing_runs
             lines += [f"- {name}: {said[0]}", *(f"  {line}" for line in said[1:])]
         else:
             lines.append(f"- {name}: {(tables[name]['status'] == 'done').sum()} runs")
     mapped = points(folders["maps"], tables["maps"]) if "maps" in tables else {}
-    last = points(folders["finals"], tables["finals"]) if "finals" in tables else {}
+    last: dict[tuple[str, ...], Point] = {}
+    for name in ("finals", "refined"):
+        last |= points(folders[name], tables[name]) if name in tables else {}
     ranked, finalists = candidates(mapped), candidates(last)
     lines += ["", "## Choice", "", *choice(finalists or ranked, bool(finalists), whole)]
     if "readings" in tables and (said_ := noise(folders["readings"], tables["readings"])):
@@ -403,7 +407,7 @@ scene = "shaking.toml"
 
 
 FILES = {"maps": HERE / "calibration.toml", "finals": HERE / "finals.toml",
-         "readings": HERE / "readings.toml"}
+         "refined": HERE / "refined.toml", "readings": HERE / "readings.toml"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -411,7 +415,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m paper_runs.calibrate",
                                      description="Choose force and torque; tabulate the readings.")
     parser.add_argument("--data", type=Path, default=DATA, metavar="DIR",
-                        help="folder of what was kept: calibration, finals, readings "
+                        help="folder of what was kept: calibration, finals, refined, readings "
                         "(default: paper_runs/data)")
     parser.add_argument("--out", type=Path, default=HERE / "calibration.md",
                         help="the report (default: paper_runs/calibration.md)")

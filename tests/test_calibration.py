@@ -451,6 +451,38 @@ def test_nothing_is_chosen_before_all_finals_are_done(finals):
     assert "**Chosen: " not in text
 
 
+def test_refined_runs_take_the_place_of_a_lucky_final(finals, monkeypatch):
+    """The nearest of the finals has 142 tiles by chance; a torque beside it has them in truth."""
+    chosen = sorted({(each.scene.drive.torque, each.scene.drive.force)
+                     for each in read_plan(finals / "finals.toml")
+                     if each.scene.drive.kind == "unicycle"})[0]
+    refined = finals / "refined.toml"
+    refined.write_text(
+        f'title = "r"\nseeds = [1, 2]\nset = {{"run.duration" = {DURATION}}}\n[[group]]\n'
+        'name = "refined"\nscene = "self_stabilizing.toml"\n[group.list]\n'
+        f'"floor.law" = ["separate", "separate"]\n"drive.force" = [{chosen[1]}, {chosen[1]}]\n'
+        f'"drive.torque" = [{chosen[0]}, {1.1 * chosen[0]}]\n')
+    monkeypatch.setitem(calibrate.FILES, "refined", refined)
+
+    def size(each):
+        drive = each.scene.drive
+        near = drive.kind == "unicycle" and (drive.torque, drive.force) == chosen
+        lucky = 142 if near else 900
+        return ending(each, 35 if drive.kind == "shaking" else lucky)
+
+    tables(finals / "finals.toml", finals / "finals", size)
+    folders = {name: finals / file.stem for name, file in calibrate.FILES.items()}
+    assert f"**Chosen: F_mag = {chosen[1]:g} N, T_mag = {chosen[0]:g} " in calibrate.report(
+        folders)[0]
+    kept = tables(refined, finals / "refined", lambda each: ending(
+        each, 60 if each.scene.drive.torque == chosen[0] else 150))
+    text, _ = calibrate.report(folders)
+    assert f"**Chosen: F_mag = {chosen[1]:g} N, T_mag = {1.1 * chosen[0]:g} " in text
+    assert "142, " not in text
+    kept.iloc[:3].to_csv(finals / "refined" / "table.csv", index=False)
+    assert "**Nearest so far: " in calibrate.report(folders)[0]
+
+
 def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
     def metrics(each):
         size = 100 + each.scene.run.seed * (1 if each.scene.drive.kind == "unicycle" else 7)
