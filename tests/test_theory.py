@@ -477,6 +477,30 @@ def test_force_is_the_slope_of_the_energy(law):
     assert magnets.energy(0.031, FADED) == 0.0
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("beta", [0.0, 6.4e-3])
+@pytest.mark.parametrize("switch", [1e-6, 0.1, 1.0])
+@pytest.mark.parametrize("width", [1e-3, 0.03, 1.0])
+def test_the_energy_of_magnets_of_any_size_is_the_integral_of_their_force(width, switch, beta):
+    law = magnets.Law(1.8e-5 * width, beta, width, 0.05 * width, width, switch)
+    points, weights = np.polynomial.legendre.leggauss(20)
+    for r in np.array([1e-9, 1e-3, 0.1, 0.95, 0.999, 1.0 - 1e-6, 1.0 - 1e-9]) * width:
+        ends = sorted({r, max(r, width * (1.0 - switch)), width})
+        panels = np.concatenate([np.geomspace(a, b, 200) for a, b in pairwise(ends)])
+        brute = 0.0
+        for a, b in pairwise(panels):
+            at = 0.5 * (a + b) + 0.5 * (b - a) * points
+            brute -= 0.5 * (b - a) * sum(weights * [magnets.force(each, law) for each in at])
+        assert magnets.energy(r, law) == pytest.approx(brute, rel=1e-6, abs=0.0)
+
+
+def test_without_a_cut_off_there_is_no_switch():
+    law = BARE._replace(switch=0.1)
+    for r in (0.003, 0.3):
+        assert magnets.force(r, law) == magnets.force(r, BARE)
+        assert magnets.energy(r, law) == magnets.energy(r, BARE)
+
+
 @given(x=st.floats(0.02, 0.05), y=st.floats(-0.03, 0.03), a=st.floats(-3, 3), b=st.floats(-3, 3))
 @settings(deadline=None, max_examples=50)
 def test_forces_and_torques_of_a_pair_are_the_slopes_of_its_energy(x, y, a, b):
