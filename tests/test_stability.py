@@ -91,6 +91,24 @@ def test_the_probability_that_half_turns_hold_is_that_of_samples():
             stability.half_turn_holds(n, bond, FORCE), abs=0.015)
 
 
+def test_a_force_just_borne_is_borne_however_it_is_rounded():
+    for n, bond, load in ((3, 0.3, 0.1), (3, 3.0, 1.0), (7, 0.7, 0.1), (7, 7.0, 1.0)):
+        assert stability.half_turn_holds(n, bond, load) == 1.0  # the net force is at most n^2 F
+    assert stability.half_turn_holds(3, BOND, 1e-300) == 1.0
+    # A seed that pushes holds nothing but by chance: as one without glue.
+    assert stability.half_turn_holds(2, -0.1, FORCE) == stability.half_turn_holds(2, 0.0, FORCE)
+
+
+@pytest.mark.parametrize("field", ["--force", "--torque"])
+@pytest.mark.parametrize("value", ["nan", "inf", "0", "1e-300"])
+def test_a_drive_without_an_answer_is_refused(field, value, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["stability", field, value, "--sizes", "1", "--samples", "1"])
+    with pytest.raises(SystemExit) as left:
+        stability.main()
+    assert left.value.code == 2
+    assert f"{field} must be from 1e-12 to 1e+12, not {float(value):g}" in capsys.readouterr().err
+
+
 # Loads.
 
 

@@ -43,6 +43,11 @@ def test_stops_follow_the_published_formulas():
     assert motion.sliding_stop(v0, mu) == pytest.approx((v0 / a, v0**2 / (2.0 * a)), rel=1e-15)
     assert motion.spin_stop(8.0, 2.0, 0.5) == pytest.approx((2.0, 8.0), rel=1e-15)
     assert motion.sliding_stop(0.0, mu, c) == (0.0, 0.0)
+    # Without friction damping alone slows it down, or nothing.
+    assert motion.sliding_stop(v0, 0.0, c) == (math.inf, pytest.approx(v0 / c))
+    assert motion.sliding_stop(v0, 1e-13, c)[1] == pytest.approx(v0 / c)
+    assert motion.spin_stop(8.0, 0.0, 0.5) == (math.inf, math.inf)
+    assert motion.sliding_stop(0.0, 0.0, c) == (0.0, 0.0)
 
 
 def test_stops_are_smooth_where_the_formula_for_little_damping_takes_over():

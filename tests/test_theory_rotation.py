@@ -215,6 +215,16 @@ def test_a_rocking_fall_is_the_pendulum_about_the_corner():
     assert fall.spin == pytest.approx(-brute.y[1, -1], rel=1e-9)
 
 
+@pytest.mark.filterwarnings("error")
+def test_the_time_of_a_fall_from_near_the_edge_grows_as_a_logarithm_at_any_size():
+    """Near pi/4 the fall is that of an inverted pendulum: e-folds of its arm's rate."""
+    for width, load in ((1e-3, 1e-5), (0.03, 0.005), (1.0, 10.0)):
+        rate = math.sqrt(load * width * math.sqrt(0.5) / (2.0 / 3.0 * MASS * width**2))
+        times = [rotation.rocking_fall(load, MASS, width, 0.25 * math.pi - off).time
+                 for off in (1e-3, 1e-4, 1e-6)]
+        assert np.diff(times) * rate == pytest.approx([math.log(10.0), math.log(100.0)], rel=1e-5)
+
+
 def test_a_rocking_square_keeps_a_quarter_of_its_spin_where_it_sticks():
     """Housner from mu = 3/5 on; below it slips, and below 1/3 it ends flat."""
     for mu in (0.6, 1.0):

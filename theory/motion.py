@@ -46,8 +46,11 @@ GAUSS = legendre.leggauss(16)
 def _stop(v0: float, deceleration: float, damping: float) -> tuple[float, float]:
     """Time and distance of dv/dt = -a - c v from v0 >= 0 to rest, stable for every c v0/a.
 
-    With x = c v0/a: t = (v0/a) ln(1 + x)/x and d = (v0^2/a)(x - ln(1 + x))/x^2.
+    With x = c v0/a: t = (v0/a) ln(1 + x)/x and d = (v0^2/a)(x - ln(1 + x))/x^2.  Without friction
+    it never stops, and comes as far as v0/c.
     """
+    if deceleration == 0.0:
+        return (math.inf, v0 / damping if damping else math.inf) if v0 else (0.0, 0.0)
     x = damping * v0 / deceleration
     time = math.log1p(x) / x if x > 0.0 else 1.0
     if x > 0.05:
