@@ -1041,10 +1041,14 @@ def test_detachment_is_counted_over_the_tiles_that_could_leave(beyond):
     assert number.tolist() == [5.0, 10.0]
     assert share.tolist() == [100.0, 50.0]
     assert events.losses(np.zeros((1, 2)))[1].tolist() == [0.0]
-    above, _ = drawn(events).axes
+    above, below = drawn(events).axes
     values = [patch.get_data().values for patch in above.patches]
     assert len(values) == 2
     assert values[1].mean() > values[0].mean()
+    for line, size in zip(below.lines, (3, 6), strict=True):  # all left by as many at once
+        assert line.get_drawstyle() == "steps-pre"
+        np.testing.assert_array_equal(line.get_xydata(),
+                                      [(1, 100), (size, 100), (size, 0)])
 
 
 def test_pictures_of_other_patterns_show_the_last_record_or_say_that_there_is_none(beyond):
