@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -322,6 +323,14 @@ def test_margins_of_a_run_are_those_of_its_assembly(run):
     steered = figure.margins(run(Drive("unicycle", force=0.01, torque=1e-4, frequency=0.1)), 2)
     assert (steered["tiles"] < steered["no_torque"]).all()
     assert steered["net"].to_numpy() == pytest.approx([0.02, 0.02])  # the turned tile's share
+
+
+def test_margins_off_the_scale_are_drawn_at_its_ends(run, monkeypatch):
+    found = pd.DataFrame({"size": [1, 2, 3], "tiles": [0.0, 0.01, math.inf], "body": [1, 2, 3.0]})
+    monkeypatch.setattr(figure, "margins", lambda folder: found)
+    (ax,) = figure.make([run(Drive("shaking", force=0.01, frequency=0.33))]).axes
+    line = next(line for line in ax.lines if line.get_label() == "tile by tile")
+    assert line.get_ydata() == pytest.approx([*ax.get_ylim()[:1] * 2, ax.get_ylim()[1]])
 
 
 def test_the_figure_has_a_panel_for_each_run(run):
