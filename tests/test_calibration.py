@@ -472,6 +472,9 @@ def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
     assert {"forward-E", "forward-N-E", "step 0.00416667", "floor-law exact", "seed-19"} <= {
         name for name, _ in cells}
     assert any("2 of " in line and "by chance" in line for line in lines)
+    single = load(tmp_path)
+    lines = calibrate.readings(tmp_path, single[single["seed"] == single["seed"].min()])
+    assert any("leaves out 0: 0 of 0, of which 0 would" in line for line in lines)
 
 
 def test_failed_runs_are_told_of_with_their_message(tmp_path):
