@@ -37,6 +37,7 @@ from figures import (
 from figures.__main__ import SCRIPTS, main
 from paper_runs.keep import main as keep
 from tbsa.model.tiles import ground_truth, strength
+from theory.scaling import net_glue_force
 from theory.stability import case, net_force
 
 CAMPAIGN = """
@@ -368,6 +369,17 @@ def test_two_families_cancel_or_leave_one_standard_deviation():
     assert np.hypot(*net_force(load)) < 1e-12
     _, (load,) = two_families.half_turns()
     np.testing.assert_allclose(net_force(load), (0.0, n * force), atol=1e-12)
+
+
+def test_the_sum_is_named_beside_the_arrow_of_the_glue(monkeypatch):
+    with style.look():
+        figure = two_families.make()
+    figure.set_dpi(style.LOOK["savefig.dpi"])
+    ((text, box),) = [(text, box) for text, box in drawn(figure, monkeypatch).items()
+                      if text.get_text() == "sum"]
+    tip = net_glue_force(two_families.SIDE, two_families.GLUE) / two_families.INCH
+    head = Bbox.from_extents(box).padded(figure.dpi / 72.0)  # 1 pt about it
+    assert not head.contains(*text.axes.transData.transform(tip))
 
 
 def test_the_force_at_the_corner_is_the_simulators():

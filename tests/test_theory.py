@@ -202,6 +202,12 @@ def test_driven_tile_goes_as_an_explicit_method_in_the_lab_frame_does(torque, be
     assert states[1, 5] == pytest.approx(expected[5], rel=1e-11)
 
 
+@pytest.mark.parametrize("times", [[3.0, 1.0], [-1.0, 1.0], [0.0, math.nan]])
+def test_times_of_a_driven_tile_increase_from_zero(times):
+    with pytest.raises(ValueError, match="must increase, from 0"):
+        motion.driven_tile(times, **TILE)
+
+
 def test_driven_tile_leaves_rest_along_the_force():
     """A slip starts at 10.8763 s and goes straight until the torque turns the tile at 12.1 s."""
     t0, _, velocity, _ = one_way(0.075, 0.03924, 0.016, 0.8, 0.1)

@@ -328,3 +328,11 @@ def test_a_driven_tile_without_friction_is_only_accelerated(none):
 def test_the_fit_of_a_tile_at_rest_is_no_motion(forward):
     times, none = np.linspace(0.0, 2.0, 21), np.zeros(21)
     assert unicycle.fit(times, none, none, none, 0.5, forward) == (0.0,) * 5
+
+
+@pytest.mark.parametrize("mu", [MU, 0.0])
+def test_times_of_a_coupled_tile_increase_from_zero(mu):
+    assert unicycle.coupled_tile([], **(TILE | {"mu": mu})).shape == (0, 6)
+    for times in ([3.0, 1.0], [-1.0, 1.0], [0.0, math.nan]):
+        with pytest.raises(ValueError, match="must increase, from 0"):
+            unicycle.coupled_tile(times, **(TILE | {"mu": mu}))

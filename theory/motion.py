@@ -278,10 +278,14 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
 
     Raises
     ------
+    ValueError
+        Times that do not increase from 0.
     RuntimeError
         No step of the integrator is short enough.
     """
     instants = np.asarray(times, dtype=np.float64)
+    if not np.all(np.diff(instants, prepend=0.0) >= 0.0):
+        raise ValueError("times must increase, from 0")
     last = float(instants[-1]) if instants.size else 0.0
     rate = 2.0 * math.pi * frequency
     load, bound = force / mass, friction_force / mass
