@@ -37,12 +37,15 @@ def needed(rows: pd.DataFrame, what: str) -> pd.DataFrame:
     return rows
 
 
-def results(path: Path) -> Any:
-    """What a file of results (JSON) has."""
+def results(path: Path) -> dict[str, Any]:
+    """What a file of results (a JSON object) has."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise InputError(f"must be JSON: {error}", file=str(path)) from None
+    if not isinstance(found, dict) or not found:
+        raise InputError("must be a JSON object with results", file=str(path))
+    return found
 
 
 def seconds(rows: pd.DataFrame) -> str:

@@ -203,7 +203,7 @@ def balance(ax: Axes, push: Any, glue: Any, inch: float, colour: str,
         upright = abs(push[1]) > abs(push[0])
         note(ax, "$F_\\mathrm{nt}$", tuple(push + ((0.13, 0.02) if upright else (0.02, 0.1))),
              size=8, colour=colour)
-        note(ax, "sum", tuple((push + glue) * (1.0 + 0.13 / np.hypot(*(push + glue)))), size=8)
+        note(ax, "sum", tuple((push + glue) * (1.0 + 0.17 / np.hypot(*(push + glue)))), size=8)
     across = np.array([-glue[1], glue[0]]) / np.hypot(*glue)  # away from the sum
     side = 0.13 if across @ push <= 0.0 else -0.13
     note(ax, "$F_\\mathrm{ng}$", tuple(0.6 * glue + side * across), size=8, colour=BOND)

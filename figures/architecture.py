@@ -142,7 +142,7 @@ def make() -> Figure:
         ax.text(*at, text, fontsize=SIZE, va="center_baseline")
         beside = at[0] + _inches(text, SIZE) + GAP
         if head[each]:
-            rows.append(Row([], beside, right, top - 0.5 * HEAD))
+            rows.append(Row([], beside, right, top - 0.24))  # upright lines beside the text
         rows += [Row(list(names), 2 * GAP if head[each] else beside, right,
                      top - head[each] - (k + 0.5) * ROW) for k, names in enumerate(floors[each])]
         top -= tall[each] + GAP

@@ -84,7 +84,7 @@ def _scaling(ax: Axes) -> None:
     for letter, side in zip("ab", SIZES, strict=True):
         net = float(np.linalg.norm(net_tile_force(side)))
         ax.plot([side], [net], "s", color=ORANGE, markersize=3.5)
-        note(ax, letter, (side + 0.028 * LARGEST, net - 0.02 * MOST), weight="bold", size=8)
+        note(ax, letter, (side + 0.028 * LARGEST, net - 0.01 * MOST), weight="bold", size=8)
     ax.set(xlim=(0, LARGEST), ylim=(0, MOST), xlabel="side $n_\\mathrm{s}$ of the block (tiles)",
            ylabel="net force along an axis (N)")
     ax.spines[["top", "right"]].set_visible(False)
@@ -92,8 +92,9 @@ def _scaling(ax: Axes) -> None:
                 fontsize=8, weight="bold", va="top")
     note(ax, f"shaken: held up to\n$F_\\mathrm{{g}}/F$ = {LIMIT:.1f} tiles",
          (0.5 * LIMIT, 0.75 * MOST))
+    note(ax, "shaken: $n_\\mathrm{s}^2F$",  # on the left of its curve
+         (math.sqrt(0.86 * MOST / LOAD) - 0.02 * LARGEST, 0.91 * MOST), colour=ORANGE, ha="right")
     for text, at, colour in (
-            ("shaken: $n_\\mathrm{s}^2F$", (0.5, 0.91), ORANGE),
             ("bonds: $n_\\mathrm{s}F_\\mathrm{g}$", (0.8, 0.81), BOND),
             ("two families,\nrandom half turns: $n_\\mathrm{s}F$", (0.82, 0.41), BLUE),
             ("headings alike: 0 or $F$", (0.83, 0.1), BLUE)):

@@ -38,7 +38,9 @@ def make() -> Figure:
         above.stairs(rate, edges, color=colour, linestyle=dash, lw=1.2, label=label,
                      baseline=None)
         number, share = losses(left)
-        below.step(number, share, where="post", color=colour, linestyle=dash)
+        # Of n tiles or more: what a loss's own size still has, the next number has not.
+        below.step([1.0, *number, number[-1]], [share[0], *share, 0.0], where="pre",
+                   color=colour, linestyle=dash)
     end = float(table["duration"].max())
     above.set(xlabel="time (s)", ylabel="tiles lost in 100 s,\n% of the assembly", xlim=(0, end),
               ylim=(0, None))

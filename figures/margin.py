@@ -27,7 +27,8 @@ from theory.statics import Tiles
 RUNS = Path(__file__).parents[1] / "runs"
 DATA: tuple[Path, ...] = (RUNS / "shaking-1", RUNS / "self_stabilizing-1")
 RECORDS = 40  # of a run, evenly in time; a margin of 300 tiles takes seconds
-TOP = 30.0  # margins beyond are drawn there, those without bound among them
+# Margins beyond are drawn there: those without bound, and the 0 of what has no state of rest.
+BOTTOM, TOP = 0.1, 30.0
 
 
 def numbers(scene: Scene) -> Numbers:
@@ -109,11 +110,11 @@ def make(folders: Sequence[str | Path] = DATA) -> Figure:
             series.insert(1, ("no_torque", "tile by tile, no torque", ORANGE, "s"))
         ax.axhline(1.0, color="k", lw=0.6)
         for column, label, colour, marker in series:
-            ax.plot(table["size"], table[column].clip(upper=TOP), marker, color=colour,
+            ax.plot(table["size"], table[column].clip(BOTTOM, TOP), marker, color=colour,
                     markersize=3, label=label, linestyle="none", clip_on=False)
         ax.set(yscale="log", xlabel="attached tiles")
         ax.set_title(drive, fontsize=8)
         ax.legend()
         ax.spines[["top", "right"]].set_visible(False)
-    panels[0].set(ylabel="stability margin", ylim=(0.1, TOP))
+    panels[0].set(ylabel="stability margin", ylim=(BOTTOM, TOP))
     return fig

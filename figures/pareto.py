@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from figures._data import results
+from figures._data import Missing, results
 from figures.style import BLUE, GREY, ORANGE, figure
 
 RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
@@ -36,6 +36,8 @@ def newest(path: Path) -> list[dict[str, Any]]:
 def make() -> Figure:
     """A panel for each scene: kernels or engine alone, for a second of simulated time."""
     rows = newest(DATA[0])
+    if not rows:
+        raise Missing(f"results of the newest version in {DATA[0]}")
     fig = figure(4.6, 7.1)
     axes = fig.subplots(2, 3)
     for ax, (scene, (title, quantity)) in zip(axes.flat, SHOWN.items(), strict=True):

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures._data import results
+from figures._data import Missing, results
 from figures.style import BLUE, GREY, ORANGE, figure
 
 RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
@@ -31,7 +31,9 @@ DATA: tuple[Path, ...] = (newest(RESULTS),)
 
 def make() -> Figure:
     """Left: time per tile and substep; right: how many times as fast as the other engines."""
-    rows = results(DATA[0])["rows"]
+    rows = results(DATA[0]).get("rows")
+    if not rows:
+        raise Missing(f"rows in {DATA[0]}")
     fig = figure(2.7, 7.1)
     left, right = fig.subplots(1, 2, width_ratios=(1.0, 1.25))
     cost(left, [row for row in rows if row["part"] == "sizes"])

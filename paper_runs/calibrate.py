@@ -275,7 +275,8 @@ def readings(folder: Path, table: pd.DataFrame) -> list[str]:
                 if group != "base" and len(reference):
                     estimate = difference(some["size"], reference["size"])
                     clear = estimate.low > 0.0 or estimate.high < 0.0
-                    compared, apart = compared + 1, apart + clear
+                    compared += not math.isnan(estimate.low)  # one run has no interval
+                    apart += clear
                     off = f"{estimate}{' *' if clear else ''}"
                 spread = number(float(some["size"].std())) if len(some) > 1 else "–"
                 rows.append((value, drive, len(some),

@@ -504,6 +504,9 @@ def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
     assert {"forward-E", "forward-N-E", "step 0.00416667", "floor-law exact", "seed-19"} <= {
         name for name, _ in cells}
     assert any("2 of " in line and "by chance" in line for line in lines)
+    single = load(tmp_path)
+    lines = calibrate.readings(tmp_path, single[single["seed"] == single["seed"].min()])
+    assert any("leaves out 0: 0 of 0, of which 0 would" in line for line in lines)
 
 
 def test_failed_runs_are_told_of_with_their_message(tmp_path):
@@ -1073,10 +1076,14 @@ def test_detachment_is_counted_over_the_tiles_that_could_leave(beyond):
     assert number.tolist() == [5.0, 10.0]
     assert share.tolist() == [100.0, 50.0]
     assert events.losses(np.zeros((1, 2)))[1].tolist() == [0.0]
-    above, _ = drawn(events).axes
+    above, below = drawn(events).axes
     values = [patch.get_data().values for patch in above.patches]
     assert len(values) == 2
     assert values[1].mean() > values[0].mean()
+    for line, size in zip(below.lines, (3, 6), strict=True):  # all left by as many at once
+        assert line.get_drawstyle() == "steps-pre"
+        np.testing.assert_array_equal(line.get_xydata(),
+                                      [(1, 100), (size, 100), (size, 0)])
 
 
 def test_pictures_of_other_patterns_show_the_last_record_or_say_that_there_is_none(beyond):

@@ -17,6 +17,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 from test_campaign import SCENE, SHAKING
 
 import tbsa
@@ -36,6 +37,7 @@ from figures import (
 from figures.__main__ import SCRIPTS, main
 from paper_runs.keep import main as keep
 from tbsa.model.tiles import ground_truth, strength
+from theory.scaling import net_glue_force
 from theory.stability import case, net_force
 
 CAMPAIGN = """
@@ -255,6 +257,20 @@ def faults(figure, monkeypatch):
     return small, outside, over
 
 
+def crossed(figure, monkeypatch):
+    """Texts that a line of their axes passes through; of their height the middle half counts."""
+    figure.set_dpi(style.LOOK["savefig.dpi"])  # letters are wider on coarse pixels
+    found = []
+    for text, box in drawn(figure, monkeypatch).items():
+        if text.axes is None:
+            continue
+        inner = Bbox.from_extents(box).padded(0.0, -0.25 * (box[3] - box[1]))
+        found += [text.get_text() for line in text.axes.lines
+                  if line.get_path().transformed(line.get_transform()).intersects_bbox(
+                      inner, filled=False)]
+    return found
+
+
 def test_faults_of_a_figure_are_found(monkeypatch):
     figure = Figure(figsize=(2, 1))
     for x, y, text, size in ((0.1, 0.5, "left", 8), (0.15, 0.55, "right", 8), (0.95, 0.1, "out", 8),
@@ -280,6 +296,8 @@ def test_a_schematic_needs_no_data_and_can_be_read(name, tmp_path, monkeypatch):
     with style.look():
         figure = script.make()
         assert faults(figure, monkeypatch) == ([], [], [])
+        if name in ("architecture", "detachment"):  # texts among lines
+            assert crossed(figure, monkeypatch) == []
     assert figure.get_size_inches()[0] == style.COLUMN
 
 
@@ -351,6 +369,17 @@ def test_two_families_cancel_or_leave_one_standard_deviation():
     assert np.hypot(*net_force(load)) < 1e-12
     _, (load,) = two_families.half_turns()
     np.testing.assert_allclose(net_force(load), (0.0, n * force), atol=1e-12)
+
+
+def test_the_sum_is_named_beside_the_arrow_of_the_glue(monkeypatch):
+    with style.look():
+        figure = two_families.make()
+    figure.set_dpi(style.LOOK["savefig.dpi"])
+    ((text, box),) = [(text, box) for text, box in drawn(figure, monkeypatch).items()
+                      if text.get_text() == "sum"]
+    tip = net_glue_force(two_families.SIDE, two_families.GLUE) / two_families.INCH
+    head = Bbox.from_extents(box).padded(figure.dpi / 72.0)  # 1 pt about it
+    assert not head.contains(*text.axes.transData.transform(tip))
 
 
 def test_the_force_at_the_corner_is_the_simulators():

@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from figures import pareto
+from figures import pareto, speed
+from figures.__main__ import main
 
 
 def rows(factor):
@@ -27,6 +28,17 @@ def test_the_newest_version_is_drawn(tmp_path):
     path = tmp_path / "peers.json"
     path.write_text(json.dumps({"0.10.0": rows(1.0), "0.9.0": rows(2.0), "0.1.0": rows(3.0)}))
     assert pareto.newest(path) == rows(1.0)
+
+
+@pytest.mark.parametrize("script", [pareto, speed])
+@pytest.mark.parametrize("text", ["{}", "[]", "null", '{"0.1.0": []}'])
+def test_a_file_without_results_is_said(script, text, tmp_path, monkeypatch, capsys):
+    path = tmp_path / "results.json"
+    path.write_text(text)
+    monkeypatch.setattr(script, "DATA", (path,))
+    name = script.__name__.rpartition(".")[2]
+    assert main([name]) == 1
+    assert capsys.readouterr().out.startswith(f"{name}: left out, needs ")
 
 
 def test_every_panel_shows_the_first_error_over_the_time_of_the_engine_alone(tmp_path, monkeypatch):

@@ -237,6 +237,16 @@ def test_a_bound_with_all_pairs_is_met_by_the_bonds_of_its_size():
         assert size < each.bound(BOND, 0.075, MU, FLOOR)
 
 
+def test_a_seed_that_pushes_holds_no_block():
+    """Of tiles of 1 mm with the paper's beta all magnets are as good as in one place."""
+    small, like = Law(width=1e-3, inset=5e-5, cutoff=1e-3, switch=0.1), ((1, 1, 1, 1),) * 2
+    assert scaling.seed_bond(1, small) < 0.0
+    for each in scaling.READINGS:
+        assert scaling.bound_all_pairs(each, 0.075, MU, FLOOR, small) < 1.0
+        assert scaling.bound_all_pairs(each, 0.075, MU, FLOOR, Law(cutoff=0.01), like) == 0.0
+    assert scaling.report(0.075, law=small)
+
+
 def test_the_report_has_every_reading_with_its_assumption():
     text = scaling.report(0.075)
     for each in scaling.READINGS:

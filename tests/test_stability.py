@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -89,6 +90,24 @@ def test_the_probability_that_half_turns_hold_is_that_of_samples():
         net = FORCE * np.abs(rng.choice([-1, 1], (20_000, n * n)).sum(axis=1))
         assert np.mean(net <= n * bond) == pytest.approx(
             stability.half_turn_holds(n, bond, FORCE), abs=0.015)
+
+
+def test_a_force_just_borne_is_borne_however_it_is_rounded():
+    for n, bond, load in ((3, 0.3, 0.1), (3, 3.0, 1.0), (7, 0.7, 0.1), (7, 7.0, 1.0)):
+        assert stability.half_turn_holds(n, bond, load) == 1.0  # the net force is at most n^2 F
+    assert stability.half_turn_holds(3, BOND, 1e-300) == 1.0
+    # A seed that pushes holds nothing but by chance: as one without glue.
+    assert stability.half_turn_holds(2, -0.1, FORCE) == stability.half_turn_holds(2, 0.0, FORCE)
+
+
+@pytest.mark.parametrize("field", ["--force", "--torque"])
+@pytest.mark.parametrize("value", ["nan", "inf", "0", "1e-300"])
+def test_a_drive_without_an_answer_is_refused(field, value, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["stability", field, value, "--sizes", "1", "--samples", "1"])
+    with pytest.raises(SystemExit) as left:
+        stability.main()
+    assert left.value.code == 2
+    assert f"{field} must be from 1e-12 to 1e+12, not {float(value):g}" in capsys.readouterr().err
 
 
 # Loads.
@@ -304,6 +323,14 @@ def test_margins_of_a_run_are_those_of_its_assembly(run):
     steered = figure.margins(run(Drive("unicycle", force=0.01, torque=1e-4, frequency=0.1)), 2)
     assert (steered["tiles"] < steered["no_torque"]).all()
     assert steered["net"].to_numpy() == pytest.approx([0.02, 0.02])  # the turned tile's share
+
+
+def test_margins_off_the_scale_are_drawn_at_its_ends(run, monkeypatch):
+    found = pd.DataFrame({"size": [1, 2, 3], "tiles": [0.0, 0.01, math.inf], "body": [1, 2, 3.0]})
+    monkeypatch.setattr(figure, "margins", lambda folder: found)
+    (ax,) = figure.make([run(Drive("shaking", force=0.01, frequency=0.33))]).axes
+    line = next(line for line in ax.lines if line.get_label() == "tile by tile")
+    assert line.get_ydata() == pytest.approx([*ax.get_ylim()[:1] * 2, ax.get_ylim()[1]])
 
 
 def test_the_figure_has_a_panel_for_each_run(run):

@@ -43,6 +43,11 @@ def test_stops_follow_the_published_formulas():
     assert motion.sliding_stop(v0, mu) == pytest.approx((v0 / a, v0**2 / (2.0 * a)), rel=1e-15)
     assert motion.spin_stop(8.0, 2.0, 0.5) == pytest.approx((2.0, 8.0), rel=1e-15)
     assert motion.sliding_stop(0.0, mu, c) == (0.0, 0.0)
+    # Without friction damping alone slows it down, or nothing.
+    assert motion.sliding_stop(v0, 0.0, c) == (math.inf, pytest.approx(v0 / c))
+    assert motion.sliding_stop(v0, 1e-13, c)[1] == pytest.approx(v0 / c)
+    assert motion.spin_stop(8.0, 0.0, 0.5) == (math.inf, math.inf)
+    assert motion.sliding_stop(0.0, 0.0, c) == (0.0, 0.0)
 
 
 def test_stops_are_smooth_where_the_formula_for_little_damping_takes_over():
@@ -195,6 +200,12 @@ def test_driven_tile_goes_as_an_explicit_method_in_the_lab_frame_does(torque, be
     assert states[1, 2] == pytest.approx(expected[2], rel=1e-11)
     assert np.abs(states[1] - expected)[3:5] == pytest.approx(0.0, abs=1e-11 * size[3:5].max())
     assert states[1, 5] == pytest.approx(expected[5], rel=1e-11)
+
+
+@pytest.mark.parametrize("times", [[3.0, 1.0], [-1.0, 1.0], [0.0, math.nan]])
+def test_times_of_a_driven_tile_increase_from_zero(times):
+    with pytest.raises(ValueError, match="must increase, from 0"):
+        motion.driven_tile(times, **TILE)
 
 
 def test_driven_tile_leaves_rest_along_the_force():
@@ -475,6 +486,30 @@ def test_force_is_the_slope_of_the_energy(law):
         slope = (magnets.energy(r + d, law) - magnets.energy(r - d, law)) / (2.0 * d)
         assert magnets.force(r, law) == pytest.approx(slope, rel=1e-5)
     assert magnets.energy(0.031, FADED) == 0.0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("beta", [0.0, 6.4e-3])
+@pytest.mark.parametrize("switch", [1e-6, 0.1, 1.0])
+@pytest.mark.parametrize("width", [1e-3, 0.03, 1.0])
+def test_the_energy_of_magnets_of_any_size_is_the_integral_of_their_force(width, switch, beta):
+    law = magnets.Law(1.8e-5 * width, beta, width, 0.05 * width, width, switch)
+    points, weights = np.polynomial.legendre.leggauss(20)
+    for r in np.array([1e-9, 1e-3, 0.1, 0.95, 0.999, 1.0 - 1e-6, 1.0 - 1e-9]) * width:
+        ends = sorted({r, max(r, width * (1.0 - switch)), width})
+        panels = np.concatenate([np.geomspace(a, b, 200) for a, b in pairwise(ends)])
+        brute = 0.0
+        for a, b in pairwise(panels):
+            at = 0.5 * (a + b) + 0.5 * (b - a) * points
+            brute -= 0.5 * (b - a) * sum(weights * [magnets.force(each, law) for each in at])
+        assert magnets.energy(r, law) == pytest.approx(brute, rel=1e-6, abs=0.0)
+
+
+def test_without_a_cut_off_there_is_no_switch():
+    law = BARE._replace(switch=0.1)
+    for r in (0.003, 0.3):
+        assert magnets.force(r, law) == magnets.force(r, BARE)
+        assert magnets.energy(r, law) == magnets.energy(r, BARE)
 
 
 @given(x=st.floats(0.02, 0.05), y=st.floats(-0.03, 0.03), a=st.floats(-3, 3), b=st.floats(-3, 3))

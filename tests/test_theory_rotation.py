@@ -215,6 +215,16 @@ def test_a_rocking_fall_is_the_pendulum_about_the_corner():
     assert fall.spin == pytest.approx(-brute.y[1, -1], rel=1e-9)
 
 
+@pytest.mark.filterwarnings("error")
+def test_the_time_of_a_fall_from_near_the_edge_grows_as_a_logarithm_at_any_size():
+    """Near pi/4 the fall is that of an inverted pendulum: e-folds of its arm's rate."""
+    for width, load in ((1e-3, 1e-5), (0.03, 0.005), (1.0, 10.0)):
+        rate = math.sqrt(load * width * math.sqrt(0.5) / (2.0 / 3.0 * MASS * width**2))
+        times = [rotation.rocking_fall(load, MASS, width, 0.25 * math.pi - off).time
+                 for off in (1e-3, 1e-4, 1e-6)]
+        assert np.diff(times) * rate == pytest.approx([math.log(10.0), math.log(100.0)], rel=1e-5)
+
+
 def test_a_rocking_square_keeps_a_quarter_of_its_spin_where_it_sticks():
     """Housner from mu = 3/5 on; below it slips, and below 1/3 it ends flat."""
     for mu in (0.6, 1.0):
@@ -318,3 +328,11 @@ def test_a_driven_tile_without_friction_is_only_accelerated(none):
 def test_the_fit_of_a_tile_at_rest_is_no_motion(forward):
     times, none = np.linspace(0.0, 2.0, 21), np.zeros(21)
     assert unicycle.fit(times, none, none, none, 0.5, forward) == (0.0,) * 5
+
+
+@pytest.mark.parametrize("mu", [MU, 0.0])
+def test_times_of_a_coupled_tile_increase_from_zero(mu):
+    assert unicycle.coupled_tile([], **(TILE | {"mu": mu})).shape == (0, 6)
+    for times in ([3.0, 1.0], [-1.0, 1.0], [0.0, math.nan]):
+        with pytest.raises(ValueError, match="must increase, from 0"):
+            unicycle.coupled_tile(times, **(TILE | {"mu": mu}))

@@ -31,15 +31,19 @@ class Law(NamedTuple):
 def fade(r: float, law: Law) -> float:
     """The switch S = 1 - 10 u^3 + 15 u^4 - 6 u^5, u = 0...1 over the last part of the cut-off.
 
-    S, S' and S'' are continuous.
+    S, S' and S'' are continuous.  Without a cut-off there is no switch.
     """
     if r >= law.cutoff:
         return 0.0
-    begin = law.cutoff - law.switch * law.cutoff if law.switch > 0.0 else law.cutoff
-    if r <= begin:
+    length = 0.0 if math.isinf(law.cutoff) else law.switch * law.cutoff
+    if r <= law.cutoff - length:
         return 1.0
-    u = (r - begin) / (law.cutoff - begin)
-    return 1.0 - 10.0 * u**3 + 15.0 * u**4 - 6.0 * u**5
+    return _fade((law.cutoff - r) / length)
+
+
+def _fade(left: float) -> float:
+    """S of what is left of the switch, 1 - u: without cancellation near its end."""
+    return left**3 * (10.0 - 15.0 * left + 6.0 * left * left)
 
 
 def force(r: float, law: Law) -> float:
@@ -56,12 +60,16 @@ def energy(r: float, law: Law) -> float:
     """
     if r >= law.cutoff:
         return 0.0
-    if law.switch == 0.0:
+    if law.switch == 0.0 or math.isinf(law.cutoff):
         tail = 0.0 if math.isinf(law.cutoff) else law.alpha / (law.cutoff + law.beta)
         return tail - law.alpha / (r + law.beta)
-    begin = max(r, (1.0 - law.switch) * law.cutoff)
-    fading = float(quad(force, begin, law.cutoff, args=(law,), epsabs=1e-18, epsrel=1e-12)[0])
-    return law.alpha / (begin + law.beta) - law.alpha / (r + law.beta) - fading
+    length, end = law.switch * law.cutoff, law.cutoff + law.beta
+    begin = max(r, law.cutoff - length)
+    # Of S over y = log(end/(r + beta)): dimensionless, and smooth however near the magnets are.
+    fading = float(quad(lambda y: _fade(-math.expm1(-y) * end / length) * math.exp(y), 0.0,
+                        math.log1p((law.cutoff - begin) / (begin + law.beta)), epsabs=0.0,
+                        epsrel=1e-12)[0])
+    return law.alpha / (begin + law.beta) - law.alpha / (r + law.beta) - fading * law.alpha / end
 
 
 def polarity(glue_a: int, glue_b: int, law: Law) -> float:

@@ -46,8 +46,11 @@ GAUSS = legendre.leggauss(16)
 def _stop(v0: float, deceleration: float, damping: float) -> tuple[float, float]:
     """Time and distance of dv/dt = -a - c v from v0 >= 0 to rest, stable for every c v0/a.
 
-    With x = c v0/a: t = (v0/a) ln(1 + x)/x and d = (v0^2/a)(x - ln(1 + x))/x^2.
+    With x = c v0/a: t = (v0/a) ln(1 + x)/x and d = (v0^2/a)(x - ln(1 + x))/x^2.  Without friction
+    it never stops, and comes as far as v0/c.
     """
+    if deceleration == 0.0:
+        return (math.inf, v0 / damping if damping else math.inf) if v0 else (0.0, 0.0)
     x = damping * v0 / deceleration
     time = math.log1p(x) / x if x > 0.0 else 1.0
     if x > 0.05:
@@ -275,10 +278,14 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
 
     Raises
     ------
+    ValueError
+        Times that do not increase from 0.
     RuntimeError
         No step of the integrator is short enough.
     """
     instants = np.asarray(times, dtype=np.float64)
+    if not np.all(np.diff(instants, prepend=0.0) >= 0.0):
+        raise ValueError("times must increase, from 0")
     last = float(instants[-1]) if instants.size else 0.0
     rate = 2.0 * math.pi * frequency
     load, bound = force / mass, friction_force / mass

@@ -104,15 +104,15 @@ def rocking_fall(load: float, mass: float, width: float, tilt: float) -> Fall:
         return Fall(math.inf, 0.0)
     inertia = 2.0 / 3.0 * mass * width * width
 
-    def spin(t: float) -> float:
+    def spin(fallen: float) -> float:
         # cos t0 + sin t0 - cos t - sin t, without the difference of what is nearly equal
-        drop = 2.0 * math.sqrt(2.0) * math.sin(0.5 * (tilt - t)) * math.sin(
-            0.25 * math.pi - 0.5 * (tilt + t))
-        return math.sqrt(load * width * max(drop, 0.0) / inertia)
+        drop = 2.0 * math.sqrt(2.0) * math.sin(0.5 * fallen) * math.sin(
+            0.25 * math.pi - tilt + 0.5 * fallen)
+        return math.sqrt(load * width * drop / inertia)
 
-    time = quad(lambda u: 2.0 * u / spin(tilt - u * u), 0.0, math.sqrt(tilt), epsabs=1e-14,
-                epsrel=1e-13)[0]
-    return Fall(float(time), spin(0.0))
+    time = quad(lambda u: 2.0 * u / spin(u * u), 0.0, math.sqrt(tilt), epsabs=0.0,
+                epsrel=1e-12)[0]
+    return Fall(float(time), spin(tilt))
 
 
 class Rock(NamedTuple):

@@ -194,14 +194,19 @@ def _pull(n: int, law: Law, glues: tuple[Glues, Glues]) -> float:
 
 def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law: Law,
                     glues: tuple[Glues, Glues] = statics.CHESSBOARD) -> float:
-    """The n_s at which a reading's bound is met by the bonds of a block of that size."""
+    """The n_s at which a reading's bound is met by the bonds of a block of that size.
+
+    0 where the seed pushes them away.
+    """
 
     def beyond(log_n: float) -> float:
         n = math.exp(log_n)
-        return n - reading.bound(seed_bond(n, law, glues), load, mu, floor)
+        return n - reading.bound(max(seed_bond(n, law, glues), 0.0), load, mu, floor)
 
     if math.isinf(reading.bound(1.0, load, mu, floor)):
         return math.inf
+    if beyond(-60.0) >= 0.0:
+        return 0.0
     return math.exp(float(brentq(beyond, -60.0, 60.0)))
 
 

@@ -40,6 +40,7 @@ from theory.statics import (
 
 Reals = NDArray[np.float64]
 Ints = NDArray[np.int64]
+LEAST, MOST = 1e-12, 1e12  # N, N m: drives on the command line
 Loads = tuple[Reals, ...]  # one load that reverses, or two of a rotating one; float64[n, 3] each
 
 
@@ -110,7 +111,8 @@ def half_turn_holds(n: int, bond: float, load: float) -> float:
     Without friction a side of n bonds bears n F_g; the net force is F times a sum of n^2 signs,
     of spread n F: both grow alike, and the probability tends to erf(F_g/(F sqrt(2))).
     """
-    most = n * bond / load  # of |imbalance| = |n^2 - 2 k|
+    # Of |imbalance| = |n^2 - 2 k|; a force just borne is, however the quotient is rounded.
+    most = min(n * max(bond, 0.0) / load * (1.0 + 1e-12), n * n)
     low, high = math.ceil((n * n - most) / 2.0), math.floor((n * n + most) / 2.0)
     return float(binom.cdf(high, n * n, 0.5) - binom.cdf(low - 1, n * n, 0.5))
 
@@ -337,8 +339,12 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[1, 2, 4, 6, 8], metavar="n")
     parser.add_argument("--samples", type=int, default=5, help="of each random case (5)")
     options = parser.parse_args()
-    if min(options.force, options.torque) <= 0.0 or min(options.sizes) < 1 or options.samples < 1:
-        parser.error("force and torque must be above 0, sizes and samples from 1")
+    for name in ("force", "torque"):
+        if not LEAST <= getattr(options, name) <= MOST:
+            parser.error(f"--{name} must be from {LEAST:g} to {MOST:g}, not "
+                         f"{getattr(options, name):g}")
+    if min(options.sizes) < 1 or options.samples < 1:
+        parser.error("sizes and samples must be from 1")
     for mating in (True, False):
         numbers = Numbers(mating=mating)
         print("Magnets:", "mating pairs alone" if mating else "all pairs in range")

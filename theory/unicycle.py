@@ -50,10 +50,14 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
     Raises
     ------
+    ValueError
+        Times that do not increase from 0.
     RuntimeError
         The integrator fails.
     """
     instants = np.asarray(times, dtype=np.float64)
+    if not np.all(np.diff(instants, prepend=0.0) >= 0.0):
+        raise ValueError("times must increase, from 0")
     inertia, arm, grip = mass * width * width / 6.0, MEAN_DISTANCE * width, mu * mass * gravity
     rate = 2.0 * math.pi * frequency
     driven = abs(family) * math.hypot(force, torque / arm) if frequency else 0.0
@@ -95,6 +99,8 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
     stops.terminal, stops.direction = True, -1.0  # type: ignore[attr-defined]
     result = np.zeros((instants.size, 6))
+    if not instants.size:
+        return result
     if math.isinf(size):  # smooth
         free: Any = solve_ivp(rates, (0.0, float(instants[-1]) + 1e-9), np.zeros(6), "DOP853",
                               rtol=1e-12, atol=1e-14, max_step=0.05, dense_output=True)
