@@ -68,6 +68,14 @@ def test_only_steps_that_the_scene_takes_are_tried():
     assert sorted(480 * step for step in steps) == pytest.approx([0.25, 0.5, 1.0])
 
 
+def test_trials_begin_and_end_together_whatever_the_step():
+    """0.03 s and 0.25 s are no whole number of steps of 0.02 s, the longest that is tried."""
+    lone = scene([tile(0, 0, vx=0.1)], step=0.01, drive=Drive("shaking", 1e-3, 0.0, 1.0))
+    trials = bench(lone, after=0.03, horizon=0.25)
+    assert max(trial.solver.step for trial in trials) == 0.02
+    assert max(trial.deviation for trial in trials) < 2e-3
+
+
 def test_where_no_trial_can_be_followed_it_says_so():
     assert "cannot be followed" in describe([], 1e-2)
 

@@ -277,7 +277,16 @@ def test_check_tells_what_the_drive_cannot_do(here, capsys):
 def test_check_of_a_set_without_traps(here, capsys):
     out = checked(capsys, SCENE)
     assert "directed at temperature 2: the seed grows by " in out
-    assert "no wrong tile and no wrong turn could bind" in out
+    assert "no wrong tile and no wrong turn could bind at a site with two neighbours" in out
+
+
+def test_check_does_not_call_a_set_safe_where_nothing_grew(here, capsys):
+    """A quarter turn of this tile binds to the seed by one glue, yet no site was looked at."""
+    out = checked(capsys, '[[tiles.type]]\nname = "a"\nglues = [1, 1, -1, -1]\ncolour = "red"\n'
+                  '[magnet]\n[seed]\nshape = "cells"\ncells = [[0, 0, "a"]]\n')
+    assert "the seed grows by 0 sites" in out
+    assert "no site grew at which wrong tiles and turns could be looked for" in out
+    assert "no wrong tile" not in out
 
 
 def test_check_lists_what_could_bind_wrongly(here, capsys):

@@ -9,6 +9,7 @@ import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
@@ -143,6 +144,17 @@ def test_glue_labels_are_one_collection_a_glue(picture):
     names = [type(each).__name__ for each in labelled.axes.collections]
     assert names.count("PathCollection") == 4  # +1, -1, +2, -2
     assert (labelled.pixels != plain.pixels).any()
+
+
+def test_long_glue_labels_stay_between_the_edge_and_the_dot():
+    glues = (+1, -24, -100, -1000)
+    kinds = (TileType("long", glues, "white"),)
+    axes = draw(*record(scene_of((), kinds, Seed(((0, 0, "long"),)))), glues=True).axes[0]
+    labels = [each for each in axes.collections if isinstance(each, PathCollection)]
+    widths = [each.get_paths()[0].get_extents().width / (100 * W) for each in labels]
+    assert len(widths) == len(glues)
+    assert max(widths) < 0.28  # at 0.32 of the width from the centre; the dot's radius is 0.17
+    assert min(widths) > 0.2
 
 
 def test_errors_and_holes_are_marked_in_red_and_named_below(picture):

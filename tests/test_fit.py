@@ -204,6 +204,36 @@ def test_bounds_and_fixed_values_hold():
     assert fixed.values[0] == pytest.approx(np.sum(weight * TRUE) / np.sum(weight**2), rel=1e-9)
 
 
+@pytest.mark.parametrize("most", [5e-3, 1e-15])
+def test_errors_beside_a_parameter_at_its_bound_are_those_with_it_held_there(most):
+    """However narrow the bounds are, which says nothing about what the points tell apart."""
+    bound = fit(LAW, R, TRUE, bounds={"beta": (0.0, most)})
+    held = fit(LAW, R, TRUE, fixed={"beta": most})
+    assert bound.at_bound.tolist() == [0, 1]
+    assert bound.inside.errors == pytest.approx(held.errors, rel=1e-6)
+    assert interval(bound, "alpha", "normal") == pytest.approx(
+        interval(held, "alpha", "normal"), rel=1e-6)
+    low, high = interval(bound, "beta", "normal")
+    assert 0 <= low < high == most
+    (doubt,) = doubts(bound, {})
+    assert doubt.startswith(f"beta is at its upper bound, {most:g} m, and has no standard error; ")
+
+
+def test_a_parameter_that_a_bound_cuts_off_is_not_called_unbounded_by_the_data():
+    bound = fit(LAW, R, TRUE, bounds={"beta": (None, 5e-3)})
+    ends = {name: interval(bound, name) for name in ("alpha", "beta")}
+    assert 0 < ends["beta"][0] < ends["beta"][1] == 5e-3
+    assert not any("identified" in doubt for doubt in doubts(bound, ends))
+
+
+def test_a_fit_with_every_parameter_at_its_bound_has_no_errors():
+    found = fit(LAW, R, TRUE, bounds={"alpha": (None, ALPHA / 9), "beta": (BETA / 9, None)})
+    assert found.at_bound.tolist() == [1, -1]
+    assert found.inside.errors.tolist() == [0, 0]
+    ends = {name: interval(found, name, "normal") for name in ("alpha", "beta")}
+    assert sum("bound, " in doubt for doubt in doubts(found, ends)) == 2
+
+
 def waves(*shapes):
     """A model with many minima, and the shapes to start from."""
     return fitting.Model(
@@ -641,6 +671,20 @@ def test_known_dimensions_go_to_every_model_that_has_them(here, capsys):
 def test_every_option_gives_a_fit(here, capsys, options):
     assert run("good.csv", "--inset", "1.5mm", *options) == 0
     assert re.search(r"(alpha|force) +[\d.]+ +[\d.]+ +[\d.]+ to [\d.]+", capsys.readouterr().out)
+
+
+def test_a_parameter_at_its_bound_is_named_in_all_that_is_written(here, capsys):
+    assert run("good.csv", "--inset", "1.5mm", "--bound", "beta=0:1e-12mm") == 0
+    out = capsys.readouterr().out
+    assert re.search(r"beta +1e-12 +at bound +0 to 1e-12 +mm", out)
+    assert re.search(r"near half .* 1e-12 at bound", out)
+    assert "warning: beta is at its upper bound, 1e-15 m, and has no standard error; those" in out
+    assert "inf" not in out
+    assert "nan" not in out
+    assert run("good.csv", "--inset", "1.5mm", "--bound", "beta=0:1mm", "--interval",
+               "bootstrap") == 2
+    assert "--interval: 'bootstrap' cannot be had: beta is at its bound" in capsys.readouterr().err
+    assert "# m; at its bound\n" in (here / "fits/good-law/magnet.toml").read_text()
 
 
 def test_a_law_that_no_scene_takes_is_fitted_but_not_written(here, capsys):

@@ -232,6 +232,12 @@ def test_tiles_that_find_no_place_at_random_are_refused_with_the_number_placed(m
     assert "would cover 0.67 of the reactor, and random placement ends near 0.5" in message
 
 
+def test_a_channel_too_narrow_to_turn_in_is_not_called_full():
+    channel = Reactor("rectangle", width=1.0, height=WIDTH)
+    with pytest.raises(InputError, match="or earlier where walls leave tiles no room to turn"):
+        initial_layout(free({"black": 1}, channel))
+
+
 def test_the_paper_start_and_ten_thousand_tiles_take_moments():
     start = time.perf_counter()
     initial_layout(PAPER)

@@ -182,6 +182,22 @@ class Fit:
             return _median_scale(self)
         return math.sqrt(self.chi2 / self.dof)
 
+    @property
+    def at_bound(self) -> NDArray[np.int64]:
+        """-1 for a free parameter that ended at its lower bound, 1 at its upper one, else 0."""
+        near = 1e-6 * np.minimum(self.unit, self.high - self.low)
+        below, above = self.values - self.low <= near, self.high - self.values <= near
+        return np.where(self.free, above.astype(np.int64) - below, 0)
+
+    @property
+    def inside(self) -> Fit:
+        """The fit with the parameters that ended at a bound held there.
+
+        Its errors are those of the other parameters: one at a bound has none that the scatter
+        of the points could tell.
+        """
+        return replace(self, free=self.free & (self.at_bound == 0))
+
     def quantile(self, level: float) -> float:
         """Half width of an interval of that level in standard errors.
 
@@ -208,10 +224,12 @@ class Fit:
 
         scale^2 (J^T J)^-1; for a robust loss with Huber's correction (Robust Statistics, 7.6).
         """
+        cov = np.zeros((self.values.size, self.values.size))
+        if not self.free.any():
+            return cov
         unit = self.unit[self.free]
         _, singular, vt = np.linalg.svd(self.jacobian * unit, full_matrices=False)
         k = int(self.free.sum())
-        cov = np.zeros((self.values.size, self.values.size))
         if singular[-1] <= 1e-9 * singular[0]:
             inner = np.full((k, k), np.inf)
         else:
@@ -433,7 +451,8 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
         ``"profile"``: the values at which the least chi^2 over the other parameters exceeds
         its minimum by (t scale)^2 (Bates and Watts, Nonlinear Regression, 1988, 6.1); needs
         loss ``"linear"``.  An end that the bounds cut off is the bound.  ``"bootstrap"``:
-        :func:`bootstrap`.  ``"normal"``: value -+ t standard errors.
+        :func:`bootstrap`.  ``"normal"``: value -+ t standard errors, within the bounds; of
+        `Fit.inside` for a parameter that is not at one.
     level, number, seed
         Probability; number and random seed of the bootstrap.
 
@@ -447,10 +466,12 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
     k = fit.model.names.index(name)
     if method == "bootstrap":
         return bootstrap(fit, level, number, seed)[name]
-    t = fit.quantile(level)
     if method == "normal":
-        half = t * fit.errors[k]
-        return float(fit.values[k] - half), float(fit.values[k] + half)
+        one = fit if fit.at_bound[k] else fit.inside
+        half = one.quantile(level) * one.errors[k]
+        low, high = np.clip(fit.values[k] + np.array([-half, half]), fit.low[k], fit.high[k])
+        return float(low), float(high)
+    t = fit.quantile(level)
     if method != "profile":
         raise ValueError(f"method must be profile, bootstrap or normal, not {method!r}")
     if fit.loss != "linear":
@@ -509,7 +530,16 @@ def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
 
     Residuals over sqrt(1 - leverage), centred, are drawn again for every point, in units of its
     uncertainty (Davison and Hinkley, Bootstrap Methods, 1997, 6.2 and 7.3).
+
+    Raises
+    ------
+    ValueError
+        Where a parameter is at its bound: the estimates of resampled points pile up there.
     """
+    for name, end in zip(fit.model.names, fit.at_bound, strict=True):
+        if end:
+            raise ValueError(f"{name} is at its bound, where the bootstrap says nothing; "
+                             "use profile or normal")
     rng = np.random.default_rng(seed)
     q, _ = np.linalg.qr(fit.jacobian * fit.unit[fit.free])
     drawn = fit.weight * fit.residuals / np.sqrt(np.maximum(1 - np.sum(q**2, axis=1), 1e-12))
@@ -602,17 +632,23 @@ def doubts(fit: Fit, intervals: Mapping[str, Interval]) -> list[str]:
     found = []
     if fit.optima > 1:
         found.append(f"{fit.optima} different sets of parameters fit equally well")
+    inside, at_bound = fit.inside, fit.at_bound
     for k, (name, unit, _, _) in enumerate(fit.model.parameters):
         if not fit.free[k]:
             continue
-        value, error = fit.values[k], fit.errors[k]
-        limits = {"lower": fit.low[k], "upper": fit.high[k]}
-        ends = [end for end, limit in limits.items() if abs(value - limit) <= 1e-6 * fit.unit[k]]
-        found += [f"{name} is at its {end} bound, {limits[end]:g} {unit}".rstrip() for end in ends]
+        value, error = fit.values[k], inside.errors[k]
         low, high = intervals.get(name, (value, value))
-        if not np.isfinite(error) or high >= fit.high[k] or (k == 0 and low <= fit.low[k]):
+        lost = high >= fit.high[k] or (k == 0 and low <= fit.low[k])
+        if at_bound[k]:
+            end = "lower" if at_bound[k] < 0 else "upper"
+            limit = f"{value:g} {unit}".rstrip()
+            found.append(f"{name} is at its {end} bound, {limit}, and has no standard error"
+                         + (f"; those of the others are for {name} held there"
+                            if inside.free.any() else ""))
+            lost = low <= fit.low[k] and high >= fit.high[k]
+        if not np.isfinite(error) or lost:
             found.append(f"{name} is not identified: these data do not bound it")
-        elif not ends and error > 0.5 * abs(value):
+        elif error > 0.5 * abs(value):
             found.append(f"{name} is weakly identified: its standard error is "
                          f"{100 * error / abs(value):.0f} % of it")
     return found

@@ -124,7 +124,8 @@ def _place(
         if left <= 0:
             raise _too_many(scene, wanted, f"{len(x) - before} found a place at random without "
                             f"overlap; the tiles would cover {(wanted + before) / area:.2f} of "
-                            "the reactor, and random placement ends near 0.5")
+                            "the reactor, and random placement ends near 0.5, or earlier where "
+                            "walls leave tiles no room to turn")
         batch = min(max(2 * (before + wanted - len(x)), 256), 65536, left)
         left -= batch
         u, v, turn = numbers.random((batch, 3)).T

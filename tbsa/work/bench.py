@@ -64,7 +64,8 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     scene
         A validated scene.
     horizon, after : float
-        s; at least one of the longest steps tried, and not negative.
+        s; at least one of the longest steps tried, and not negative.  Both are taken to the
+        nearest whole number of those steps, so that all trials begin and end at the same time.
     progress
         Called with the number of trials done and of all.
 
@@ -83,11 +84,13 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     h = scene.solver.step
     steps = [share * h for share in SHARES if share <= 1.0 or share * h <= LONGEST]
     steps = [step for step in steps if _takes(scene, replace(scene.solver, step=step))]
-    if not max(steps) <= horizon <= 1e6:
-        raise InputError(f"must be a number from {max(steps):g} to 1e+06 s", field="horizon",
+    longest = max(steps)
+    if not longest <= horizon <= 1e6:
+        raise InputError(f"must be a number from {longest:g} to 1e+06 s", field="horizon",
                          value=horizon)
     if not 0.0 <= after <= 1e9:
         raise InputError("must be a number from 0 to 1e+09 s", field="after", value=after)
+    horizon, after = (longest * round(each / longest) for each in (horizon, after))
     first = Simulation(scene)
     first.run(after)
     start, begun = _layout(first), first.time

@@ -381,7 +381,8 @@ def _labels(
         label = TextPath((0.0, 0.0), text, size=1.0, prop=FontProperties(weight="bold"))
         box = label.get_extents()
         centre = -0.5 * (box.p0 + box.p1)
-        to_size = Affine2D().translate(*centre).scale(0.17 * CM * width)
+        size = min(0.17, 0.27 / box.width)  # or long ones would run under the dot and beyond
+        to_size = Affine2D().translate(*centre).scale(size * CM * width)
         tile, edge = np.nonzero(glue == value)
         marks = PathCollection(
             [to_size.transform_path(label)],

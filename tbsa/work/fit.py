@@ -222,10 +222,11 @@ def describe(result: Result) -> str:
         where = "r between the magnets' centres, as measured"
     kind = {"gap": "gap", "centre": "centre distance"}[result.kind]
     weighted = "not weighted" if main.sd is None else "weighted by 1/sd^2"
+    inside = main.inside
     scaled = ("sd taken at its word" if main.absolute
-              else f"errors from the scatter, {main.scale:.3g} "
+              else f"errors from the scatter, {inside.scale:.3g} "
                    f"{'N' if main.sd is None else 'sd'}")
-    correlation = main.correlation[np.triu_indices(int(main.free.sum()), 1)]
+    correlation = inside.correlation[np.triu_indices(int(inside.free.sum()), 1)]
     lines = [
         f"{measured.file}: {count}, {kind} {near:.4g} to {far:.4g} {unit}",
         where,
@@ -253,13 +254,15 @@ def _shown(parameter: str, unit: str) -> tuple[str, float]:
 
 def _values(result: Result) -> list[list[str]]:
     """Rows of the main fit's parameters."""
-    rows, main = [], result.main
+    rows, main, inside = [], result.main, result.main.inside
     for k, parameter in enumerate(main.model.parameters):
         unit, size = _shown(parameter.unit, result.measured.unit)
-        value, error = main.values[k] / size, main.errors[k] / size
+        value, error = main.values[k] / size, inside.errors[k] / size
         if main.free[k]:
             low, high = (end / size for end in result.intervals[parameter.name])
-            rows.append([parameter.name, _rounded(value, error), _rounded(error, error),
+            shown = _rounded(error, error) if inside.free[k] else "at bound"
+            error = error if inside.free[k] else 0.25 * (high - low)  # as many digits of the ends
+            rows.append([parameter.name, _rounded(value, error), shown,
                          f"{_rounded(low, error)} to {_rounded(high, error)}", unit])
         else:
             rows.append([parameter.name, f"{value:g}", "fixed", "", unit])
@@ -298,9 +301,9 @@ def _goodness(result: Result) -> list[str]:
             row = [name, f"{d.min():.4g} to {d.max():.4g} {unit}"]
             for k in np.flatnonzero(main.free):
                 part = _shown(main.model.parameters[k].unit, unit)[1]
-                error = half.errors[k] / part
+                error = half.inside.errors[k] / part
                 row.append(f"{_rounded(half.values[k] / part, error)} "
-                           f"± {_rounded(error, error)}")
+                           + ("at bound" if half.at_bound[k] else f"± {_rounded(error, error)}"))
             rows.append(row)
         names = [name for name, free in zip(main.model.names, main.free, strict=True) if free]
         lines += ["", "by range", *_indent(_table(["", result.kind, *names], rows)),
@@ -442,8 +445,8 @@ def _lines(result: Result) -> dict[str, str]:
         raise InputError("must be law, the one force that a scene has", field="--model",
                          value=main.model.name)
     near, far = (float(end) / size for end in (main.distance.min(), main.distance.max()))
-    error = [f"+- {e:.2g}" if free else "fixed"
-             for e, free in zip(main.errors, main.free, strict=True)]
+    error = ["at its bound" if bound else f"+- {e:.2g}" if free else "fixed" for e, free, bound
+             in zip(main.inside.errors, main.free, main.at_bound, strict=True)]
     span = f"{result.kind} {near:.4g} to {far:.4g} {result.measured.unit}"
     numbers = [float(f"{value:.6g}") for value in (*main.values, result.inset)]
     return {

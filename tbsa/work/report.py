@@ -268,7 +268,8 @@ def _pattern(scene: Scene) -> list[str]:
         ]
     found = check(types, growth)
     if not found:
-        return [*lines, "no wrong tile and no wrong turn could bind to it anywhere"]
+        return [*lines, "no wrong tile and no wrong turn could bind at a site with two neighbours"
+                if sites else "no site grew at which wrong tiles and turns could be looked for"]
     head = ("in place of", "type", "turned", "glues", "matching edges", "repelled", "sites")
     rows = [
         (trap.wanted, trap.offered, f"{90 * trap.turns} deg", trap.matches, trap.arrangement,
