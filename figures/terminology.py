@@ -41,7 +41,7 @@ def scene() -> Scene:
     tiles.append({"type": "stray", "position": [w * STRAY[0], w * STRAY[1]]})
     tiles.append({"type": kinds[truth.types[OPEN]]["name"], "position": [w * FREE[0], w * FREE[1]],
                   "angle": FREE[2]})
-    return tbsa.parse({"temperature": t, "tiles": {"type": kinds}, "seed": seed,
+    return tbsa.parse({"temperature": t, "tiles": {"type": kinds}, "seed": seed, "magnet": {},
                        "free": {"tile": tiles}})
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from tbsa.errors import InputError
 from tbsa.model.layout import initial_layout
-from tbsa.model.scene import SETS, Free, PlacedTile, Reactor, Scene, Seed, TileType
+from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Reactor, Scene, Seed, TileType
 from tbsa.work import draw as pictures
 from tbsa.work.draw import Snapshot, draw, sheet, summary_figure
 
@@ -29,7 +29,8 @@ LOOSE = (PlacedTile("black", (-2 * W, -2 * W), math.pi / 4), PlacedTile("white",
 
 
 def scene_of(tiles=ATTACHED + LOOSE, types=CHESS, seed=SEED, reactor=CIRCLE):
-    return Scene(types=types, seed=seed, free=Free(tiles=tiles), reactor=reactor)
+    return Scene(types=types, seed=seed, free=Free(tiles=tiles), reactor=reactor,
+                 magnet=Magnet())
 
 
 def record(scene):

@@ -13,7 +13,7 @@ from twins_metrics import twin
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout, initial_layout
-from tbsa.model.scene import SETS, Free, PlacedTile, Scene, Seed, TileType
+from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Scene, Seed, TileType
 from tbsa.model.tiles import ground_truth, mirrored
 from tbsa.work import metrics
 
@@ -41,7 +41,8 @@ def at(column, row, kind=None, turns=0, dx=0.0, dy=0.0, askew=0.0, held=False):
 
 
 def scene_of(tiles, types=CHESS, seed=None):
-    return Scene(types=types, seed=seed or Seed(corner()), free=Free(tiles=tuple(tiles)))
+    return Scene(types=types, seed=seed or Seed(corner()), free=Free(tiles=tuple(tiles)),
+                 magnet=Magnet())
 
 
 def measure(scene):
@@ -232,13 +233,21 @@ def test_a_tile_set_that_is_not_directed_counts_mismatches_instead():
     assert found.errors == found.row()["mismatched"] == 2
 
 
+def test_without_magnets_nothing_is_bonded_whatever_the_glues():
+    scene = scene_of([at(c, r, "black") for c, r in BLOCK])
+    found = measure(replace(scene, magnet=None))
+    assert (found.size, found.bonds, found.mismatched.sum()) == (0, 0, 0)
+    assert row(found)["size_contact"] == 9
+    assert measure(scene).size > 0
+
+
 def test_an_edge_without_a_magnet_is_no_mismatch():
     found = measure(scene_of([at(1, 1), at(2, 1, "impostor")], (*CHESS, IMPOSTOR)))
     assert found.mismatched.sum() == 0
 
 
 def test_a_scene_without_a_seed_has_no_assembly():
-    scene = Scene(types=CHESS, free=Free(tiles=(at(0, 0), at(1, 0), at(5, 0))))
+    scene = replace(scene_of([at(0, 0), at(1, 0), at(5, 0)]), seed=None)
     found = measure(scene)
     assert row(found).keys() == {"errors_percent", "holes_percent", "largest_free_cluster",
                                  "bonds", "directed"}
@@ -246,7 +255,7 @@ def test_a_scene_without_a_seed_has_no_assembly():
 
 
 def test_held_tiles_are_not_the_seed():
-    scene = Scene(types=CHESS, free=Free(tiles=(at(0, 0, held=True), at(1, 0))))
+    scene = replace(scene_of([at(0, 0, held=True), at(1, 0)]), seed=None)
     found = measure(scene)
     assert (found.size, found.total, found.largest_free_cluster) == (0, 0, 2)
 
@@ -326,7 +335,7 @@ def records(draw):
         index.append(rng.integers(len(types)))
     z = np.exp(1j * frame.angle) * W * (np.array(x) + 1j * np.array(y)) + complex(*frame.centre)
     held = np.arange(len(x)) < len(frame.cells)
-    scene = Scene(types=types, seed=seed)
+    scene = Scene(types=types, seed=seed, magnet=Magnet())
     zero = np.zeros(len(x))
     return scene, Layout(z.real, z.imag, np.array(angle) + frame.angle, zero, zero, zero,
                          np.array(index, np.int64), held, held)

@@ -5,9 +5,10 @@ to the seed's assembly, which of its cells are holes, how its pattern compares w
 truth, and which of its tiles are errors.
 
 Two tiles are *bonded* where an edge of each is close, aligned and attracts the other; they are
-in *contact* where the squares are all but touching, whatever their glues.  The assembly is
-everything that a chain of bonds leads to from a tile of the seed; its size by mere contact is
-reported beside it, because a tile that is only pressed against the assembly is not part of it.
+in *contact* where the squares are all but touching, whatever their glues.  A scene without
+magnets has no bonds.  The assembly is everything that a chain of bonds leads to from a tile of the
+seed; its size by mere contact is reported beside it, because a tile that is only pressed against
+the assembly is not part of it.
 
 An *error* is an attached tile whose colour disagrees with the ground truth at its lattice site.
 Wrongly turned tiles, tiles off the lattice and tiles at a site that the ground truth leaves
@@ -336,7 +337,7 @@ def _flush_edges(
     flush = flush[np.lexsort(flush.T[::-1])]
     glue = np.array([kind.glues for kind in scene.types], dtype=np.int64)[layout.type]
     glue_a, glue_b = glue[flush[:, 0], flush[:, 1]], glue[flush[:, 2], flush[:, 3]]
-    magnets = (glue_a != 0) & (glue_b != 0)
+    magnets = (glue_a != 0) & (glue_b != 0) & (scene.magnet is not None)
     attracts = magnets & (glue_a == -glue_b)  # as tiles.attracts, for arrays
     return flush, attracts, magnets & ~attracts
 
