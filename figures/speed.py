@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from figures._data import Missing, results
 from figures.style import BLUE, GREY, ORANGE, figure
@@ -34,7 +35,7 @@ def make() -> Figure:
     rows = results(DATA[0]).get("rows")
     if not rows:
         raise Missing(f"rows in {DATA[0]}")
-    fig = figure(2.7, 7.1)
+    fig = figure(3.0, 7.1)
     left, right = fig.subplots(1, 2, width_ratios=(1.0, 1.25))
     cost(left, [row for row in rows if row["part"] == "sizes"])
     speeds(right, rows)
@@ -52,13 +53,15 @@ def cost(ax: Axes, rows: list[dict[str, Any]]) -> None:
             if line:
                 ax.plot(*zip(*line, strict=True), style + marker, color=colour, markersize=3,
                         label=label + (", skips off" if skips == "off" else ""))
-    ax.set_xscale("log")
+    ax.set(xscale="log", yscale="log")
     sizes = sorted({row["tiles"] for row in rows})
     ax.set_xticks(sizes, [f"{size:,}" for size in sizes], rotation=30)
-    ax.minorticks_off()
-    ax.set_ylim(0.0)
+    ax.xaxis.set_minor_locator(NullLocator())
+    ticks = [200, 500, 1000, 2000, 5000]
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.set_yticks(ticks, [f"{tick:,}" for tick in ticks])
     ax.set(xlabel="free tiles", ylabel="CPU time a tile and substep (ns)")
-    ax.legend(loc="best")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=6)
 
 
 def speeds(ax: Axes, rows: list[dict[str, Any]]) -> None:
@@ -75,11 +78,12 @@ def speeds(ax: Axes, rows: list[dict[str, Any]]) -> None:
             if (scene, skips, name) not in ours:
                 continue
             value = peers[scene, engine] / ours[scene, skips, name]
-            ax.barh(y + 0.19 * (2 * k - 1), value, 0.36, color=colour,
+            ax.barh(y + 0.21 * (2 * k - 1), value, 0.36, color=colour,
                     label=label if y == 0 else None)
-            ax.annotate(f"{value:.2g}", (value, y + 0.19 * (2 * k - 1)), (2, 0),
-                        textcoords="offset points", va="center", fontsize=6.5)
-    ax.axvline(1.0, color=GREY, linewidth=0.8)
+            ax.annotate(f"{value:.2g}", (value, y + 0.21 * (2 * k - 1)), (2, 0),
+                        textcoords="offset points", va="center_baseline", fontsize=6, zorder=3,
+                        bbox={"color": "white", "pad": 0.0})
+    ax.axvline(1.0, color=GREY, linewidth=0.8, zorder=1)
     ax.set_yticks(range(len(places)), [
         f"{scene}{f', skips {skips}' if switched else ''}\nagainst {ENGINES[engine]}"
         for scene, skips, engine in places])
