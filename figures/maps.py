@@ -23,7 +23,8 @@ COLOURS = matplotlib.colormaps["Blues"].resampled(256)
 def make() -> Figure:
     """A panel a law of floor friction: the torques from below, and shaking under them.
 
-    The force and torque of the paper's scenes here are framed.
+    The force and torque of the paper's scenes here are framed, or the torques between which
+    theirs is.
     """
     folder = DATA[0].parent
     table = done(folder)
@@ -49,11 +50,14 @@ def make() -> Figure:
         ax.set_xticks(range(grid.shape[1]), [f"{force:g}" for force in grid.columns])
         ax.set(xlim=(-0.5, grid.shape[1] - 0.5), ylim=(-1.8, len(grid) - 0.5),
                ylabel="$T_{mag}$ (N m)")
-        if chosen[0] == law and chosen[1] in grid.columns and chosen[2] in grid.index:
-            column, row = grid.columns.get_loc(chosen[1]), grid.index.get_loc(chosen[2])
-            for bottom in (row, -1.3):
-                ax.add_patch(Rectangle((column - 0.48, bottom - 0.46), 0.96, 0.92, fill=False,
-                                       edgecolor=ORANGE, linewidth=1.4, zorder=3))
+        torques = grid.index.to_numpy()
+        if chosen[0] == law and chosen[1] in grid.columns and (
+                torques[0] <= chosen[2] <= torques[-1]):
+            column, low = grid.columns.get_loc(chosen[1]), int((torques <= chosen[2]).sum()) - 1
+            high = int((torques < chosen[2]).sum())
+            for bottom, top in ((low, high), (-1.3, -1.3)):
+                ax.add_patch(Rectangle((column - 0.48, bottom - 0.46), 0.96, top - bottom + 0.92,
+                                       fill=False, edgecolor=ORANGE, linewidth=1.4, zorder=3))
         ax.set_title(FLOORS[law], fontsize=8)
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)

@@ -1104,6 +1104,13 @@ def test_the_maps_frame_the_scenes_force_and_torque(tmp_path, monkeypatch):
     assert len(framed) == (2 if scene.drive.force in forces else 0)
     for patch in framed:
         assert patch.get_x() + 0.48 == pytest.approx(forces.index(scene.drive.force))
+    torques = sorted({each.scene.drive.torque for each in read_plan(HERE / "calibration.toml")
+                      if each.scene.drive.kind == "unicycle"})
+    rows = [torques.index(torque) for torque in
+            (max(each for each in torques if each <= scene.drive.torque),
+             min(each for each in torques if each >= scene.drive.torque))]
+    assert framed[0].get_y() + 0.46 == pytest.approx(rows[0])
+    assert framed[0].get_y() + framed[0].get_height() - 0.46 == pytest.approx(rows[1])
 
 
 def test_a_map_that_is_done_in_part_shares_the_columns_of_the_other(tmp_path, monkeypatch):
