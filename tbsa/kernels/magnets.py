@@ -49,9 +49,9 @@ class MagnetPairs(NamedTuple):
     and pairs are in the order of their tiles, whatever the age of the list.
     """
 
-    a: np.ndarray  # int64, tile pairs whose magnets may be in reach, a < b
+    a: np.ndarray  # int32, tile pairs whose magnets may be in reach, a < b
     b: np.ndarray
-    which: np.ndarray  # int64, their magnet pairs that may be, as bits 4 edge of a + edge of b
+    which: np.ndarray  # int32, their magnet pairs that may be, as bits 4 edge of a + edge of b
     dx: np.ndarray  # float64[CHUNK], m, scratch: from a to b
     dy: np.ndarray
     r2: np.ndarray  # m^2, square of the distance at which their magnets are listed
@@ -59,7 +59,7 @@ class MagnetPairs(NamedTuple):
     sa: np.ndarray
     cb: np.ndarray
     sb: np.ndarray
-    p: np.ndarray  # int64[capacity], magnets of a and of b
+    p: np.ndarray  # int32[capacity], magnets of a and of b
     q: np.ndarray
     strength: np.ndarray  # float64[capacity], N m^2, polarity times alpha
     size: np.ndarray  # int64[1], magnet pairs
@@ -81,8 +81,10 @@ class MagnetPairs(NamedTuple):
 def empty_magnet_pairs(n: int, pairs: int, capacity: int) -> MagnetPairs:
     """Space for `pairs` pairs of `n` tiles and `capacity` pairs of their magnets; none listed."""
     *part, hx, hy = columns(CHUNK, [float] * 9)
+    # Half as wide as other whole numbers: these are the longest lists of a large scene.
+    lists = [np.zeros(size, np.int32) for size in [pairs] * 3 + [capacity] * 2]
     near = MagnetPairs._make([
-        *columns(pairs, [int] * 3), *part, *columns(capacity, [int, int, float]),
+        *lists[:3], *part, *lists[3:], np.zeros(capacity),
         np.zeros(1, np.int64), *columns(n, [float] * 5), hx, hy, *columns(4 * n, [float] * 6)])
     near.margin[:] = -1.0
     return near
