@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from scenes import CHESSBOARD, WIDTH, material, scene, simulate, state, tile, tu
 from twins import all_magnet_forces, near_pairs, separations
 
 import tbsa
+from tbsa.errors import InputError
 from tbsa.kernels import jit
 from tbsa.kernels.advance import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
 from tbsa.kernels.contacts import (
@@ -38,6 +40,7 @@ from tbsa.kernels.contacts import (
     find_rows,
     recall,
 )
+from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.model.layout import Layout
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
@@ -104,17 +107,18 @@ def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():
 
 @jit.kernel
 def find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way, far, way2,
-                  far2, widest):
+                  far2, widest, crew):
     """Rows of the ways `way` and `far`; then those that the marked tiles have besides, whose ways
     are longer.  Returns how many of each."""
-    m, _, _ = find_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, c, s, mobile, way, far, 1)
+    m, _, _ = find_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, c, s, mobile, way, far, 1,
+                        crew)
     colour_rows(rows, m, n, mobile, 1.0, 0.5, 0.5, 0.5, 0.5)
     recall(rows, m, n, NO_IMPULSES)
     return m, add_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, angle, c, s, mobile, marked,
                        1.0, 0.5, 0.5, 0.5, 0.5, way2, far2, widest)
 
 
-NO_IMPULSES = empty_impulses(1)
+NO_IMPULSES, ALONE_CREW = empty_impulses(1), empty_crew(1)
 
 
 def may_touch(x, y, angle, mobile, wall, size, way, far):
@@ -156,7 +160,7 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
     widest = float((np.hypot(x - old_x, y - old_y) + way + longer).max())
     c, s = np.append(np.cos(angle), 1.0), np.append(np.sin(angle), 0.0)
     m, added = find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way,
-                             far, way + longer, far + longer, widest)
+                             far, way + longer, far + longer, widest, ALONE_CREW)
 
     before = may_touch(x, y, angle, mobile[:n], wall, size, way, far)
     after = may_touch(x, y, angle, mobile[:n], wall, size, way + longer, far + longer)
@@ -185,7 +189,7 @@ def test_rows_that_do_not_fit_are_not_added():
     build_pairs(pairs, n, x, y, np.ones(n + 1), 0.0425, np.full(n, 0.04))
     marked, c, s = np.ones(n + 1, np.int64), np.ones(n + 1), np.zeros(n + 1)
     assert find_then_add(rows, pairs, n, 0, 0.0, x, y, zero, c, s, np.ones(n + 1), marked, zero,
-                         zero, zero + 0.2, zero + 0.2, 0.2) == (0, -1)
+                         zero, zero + 0.2, zero + 0.2, 0.2, ALONE_CREW) == (0, -1)
     assert rows.size[0] == 0
     assert np.diff(rows.first)[ALONE] == 0
 
@@ -272,6 +276,66 @@ def test_the_same_scene_gives_the_same_bits_however_it_is_cut_into_calls():
     for a, b in zip(whole.state.impulses, cut.state.impulses, strict=True):
         assert (a[: int(whole.state.impulses.size[0])] == b[: int(whole.state.impulses.size[0])]
                 ).all()
+
+
+def field_of_tiles(side, law="separate", wall="rectangle", **options):
+    """A close lattice of so many rows and columns, shaken, whose tiles fly about a little."""
+    rng, space = np.random.default_rng(4), 1.003 * WIDTH
+    tiles = []
+    for i, j in itertools.product(range(side), repeat=2):
+        held = (i + 7 * j) % 97 == 0
+        motion = [0.0] * 4 if held else rng.normal(0.0, [1e-3, 0.1, 0.1, 1.0])
+        tiles.append(tile(*(space * (np.array([i, j]) - 0.5 * (side - 1))), *motion, held=held,
+                          kind="black" if (i + j) % 2 else "white"))
+    width = space * side + 0.2 * WIDTH
+    reactor = (Reactor("rectangle", width=width, height=width) if wall == "rectangle"
+               else Reactor("circle", 0.75 * width))
+    return scene(tiles, types=CHESSBOARD, magnet=Magnet(), reactor=reactor, floor=Floor(law=law),
+                 drive=Drive("shaking", 0.1, 0.0, 2.0), body=Material(), **DEFAULT | options)
+
+
+@pytest.mark.parametrize(("side", "threads", "options"), [
+    (56, 2, {}), (56, 3, {"wall": "circle"}), (50, 2, {"law": "coupled"}),
+    (50, 2, {"law": "exact"}), (7, 2, {"passes": 20})])
+def test_threads_do_not_change_a_bit(side, threads, options):
+    """As many tiles as they share, and as few as one of them does alone."""
+    chosen = field_of_tiles(side, **options)
+    alone, shared = Simulation(chosen), Simulation(chosen, threads=threads)
+    for s in (alone, shared):
+        s.advance(3)
+        s.advance(2)
+    assert (shared._work.crew.job[0] > 300) == (side > 40)
+    assert alone.counts.impacts[0] > 10
+    assert (alone.counts.projections[0] > 0) == (side > 40)
+    assert (state(alone) == state(shared)).all()
+    for a, b in zip(alone.counts, shared.counts, strict=True):
+        assert (a == b).all()
+    size = int(alone.state.impulses.size[0])
+    assert size > side
+    for a, b in zip(alone.state.impulses, shared.state.impulses, strict=True):
+        assert (a[:size] == b[:size]).all()
+
+
+def test_threads_whose_lists_outgrow_their_space_change_no_bit_either():
+    chosen = field_of_tiles(40)
+    alone, shared = Simulation(chosen), Simulation(chosen, threads=2)
+    shared._capacity = dict.fromkeys(shared._capacity, 2000)
+    shared._work = shared._space()
+    for s in (alone, shared):
+        s.advance(2)
+    assert min(shared._capacity.values()) > 2000
+    assert (state(alone) == state(shared)).all()
+
+
+def test_no_thread_is_left_behind_where_a_run_cannot_go_on():
+    before = threading.active_count()
+    s = Simulation(field_of_tiles(50), threads=2)
+    s.vx[7] = math.nan
+    with pytest.raises(SimulationError, match="finite"):
+        s.advance(2)
+    assert threading.active_count() == before
+    with pytest.raises(InputError, match="at least 1"):
+        Simulation(grid(), threads=0)
 
 
 def test_results_do_not_depend_on_when_the_pair_list_was_built():

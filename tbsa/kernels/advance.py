@@ -42,6 +42,7 @@ import numpy as np
 
 from tbsa.kernels.contacts import (
     CIRCLE,
+    COLOURS,
     NEAR,
     Impulses,
     Rows,
@@ -51,17 +52,53 @@ from tbsa.kernels.contacts import (
     place_rows,
     recall,
     remember,
+    rows_from,
+)
+from tbsa.kernels.crew import (
+    AHEAD,
+    APPLY,
+    BACK,
+    BEGIN,
+    DEEP,
+    END,
+    FLOOR,
+    KICK,
+    LEAST_BLOCKS,
+    LEAST_TILES,
+    LEAVE,
+    LINE,
+    LIST,
+    PLACE,
+    PULL,
+    REACT,
+    ROWS,
+    SWEEP,
+    TOTAL,
+    WORK,
+    Crew,
+    collect,
+    count,
+    give,
+    report,
+    share,
+    tell,
+    wait_for,
 )
 from tbsa.kernels.floor import EXACT
 from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
-from tbsa.kernels.jit import U, copy, inline, kernel
+from tbsa.kernels.jit import U, copy, inline, kernel, lane
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
     add_magnet_forces,
+    add_up,
     list_magnets,
+    magnets_from,
     magnets_stale,
+    place_magnets,
+    pull,
+    react,
 )
 from tbsa.kernels.neighbours import Pairs, build_pairs, stale
 from tbsa.kernels.solver import (
@@ -69,11 +106,16 @@ from tbsa.kernels.solver import (
     Bodies,
     FloorLaw,
     Numbers,
+    apply_blocks,
     apply_impulses,
+    find_deep,
+    floor_tiles,
     limit_work,
     project,
     relax,
     scale_impulses,
+    sweep_blocks,
+    work_on,
 )
 
 # Error words of `advance`.
@@ -147,6 +189,7 @@ class Work(NamedTuple):
     fy: np.ndarray
     torque: np.ndarray
     magnets: MagnetPairs
+    crew: Crew
 
 
 class Counts(NamedTuple):
@@ -186,21 +229,25 @@ def note_overlap(overlap: float, width: float, ticks: int, counts: Counts) -> No
                    else 3 if share <= 2e-2 else 4] += ticks
 
 
-@inline
-def kick(k: Numbers, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodies) -> None:
-    """Give every mobile tile the impulse of the forces, and note where it started."""
-    fm, fi = k.h / k.mass, k.h / k.inertia
+@lane
+def kick(k: Numbers, h: float, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodies,
+         kicked: Bodies, begin: int, end: int) -> None:
+    """Give every mobile one of these tiles the impulse of the forces; note its velocity at the
+    start of the substep, and when it has been kicked."""
+    fm, fi = h / k.mass, h / k.inertia
     vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
-    copy(vx, v.startx, vx.size)
-    copy(vy, v.starty, vx.size)
-    copy(w, v.startw, vx.size)
-    v.floorx[:] = 0.0
-    v.floory[:] = 0.0
-    v.floort[:] = 0.0
-    for i in range(U(k.n)):
+    startx, starty, startw = v.startx, v.starty, v.startw
+    floorx, floory, floort = v.floorx, v.floory, v.floort
+    kx, ky, kw = kicked.vx, kicked.vy, kicked.w
+    first, last = U(begin), U(end)
+    for i in range(first, last):
+        startx[i], starty[i], startw[i] = vx[i], vy[i], w[i]
+        floorx[i] = floory[i] = floort[i] = 0.0
+    for i in range(first, last):
         vx[i] += mobile[i] * fm * fx[i]
         vy[i] += mobile[i] * fm * fy[i]
         w[i] += mobile[i] * fi * torque[i]
+        kx[i], ky[i], kw[i] = vx[i], vy[i], w[i]
 
 
 @inline
@@ -214,21 +261,15 @@ def stopping(start: float, trial: float, bound: float) -> float:
     return min(start / slowing, 1.0) if slowing > 0.0 else 1.0
 
 
-@inline
-def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v: Bodies,
-               x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> None:
-    """Take back what a tile without contact drifted after friction had stopped it.
-
-    The first half of the drift went h/2 v; a tile that stops after the fraction f of the
-    substep goes f h/2 v.  Without this a stop is off by up to a h^2 / 2.  `v0` are the
-    velocities before the solve.
-    """
+@lane
+def find_stopped(im: float, ii: float, v: Bodies, v0: Bodies, begin: int, end: int) -> int:
+    """Mark in ``moved`` which of these tiles friction has stopped without any contact: 1 its way,
+    2 its turn.  `v0` are the velocities before the solve.  Returns whether there are any."""
     vx, vy, w, moved = v.vx, v.vy, v.w, v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    n = k.n
     some = 0
-    for i in range(U(n)):
+    for i in range(U(begin), U(end)):
         # Contacts have done nothing to it: the floor alone takes what it had before the solve.
         tx, ty, tw = v0.vx[i], v0.vy[i], v0.w[i]
         free = ((abs(floorx[i] * im + tx) <= 1e-12 * abs(tx))
@@ -238,9 +279,29 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v:
         halted = (w[i] == 0.0) & (startw[i] != 0.0)
         moved[i] = (1 if stopped & free else 0) + (2 if halted & alone else 0)
         some |= moved[i]
+    return some
+
+
+@inline
+def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v: Bodies,
+               x: np.ndarray, y: np.ndarray, angle: np.ndarray, crew: Crew) -> None:
+    """Take back what a tile without contact drifted after friction had stopped it.
+
+    The first half of the drift went h/2 v; a tile that stops after the fraction f of the
+    substep goes f h/2 v.  Without this a stop is off by up to a h^2 / 2.
+    """
+    moved = v.moved
+    startx, starty, startw = v.startx, v.starty, v.startw
+    floorx, floory, floort = v.floorx, v.floory, v.floort
+    give(crew, BACK, 0, k.n, LEAST_TILES)
+    begin, end = share(crew, 0, 0, k.n, LEAST_TILES)
+    some = find_stopped(im, ii, v, v0, begin, end)
+    collect(crew)
+    for other in range(1, crew.size if end < k.n else 1):
+        some |= crew.found[other * LINE]
     if some == 0:
         return
-    for i in range(n):
+    for i in range(k.n):
         if moved[i] == 0:
             continue
         ux, uy, uw = startx[i], starty[i], startw[i]
@@ -257,27 +318,28 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v:
 
 
 @inline
-def turn(n: int, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """Cosine and sine of every angle."""
-    for i in range(U(n)):
+def turn(begin: int, end: int, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """Cosine and sine of the angles of these tiles."""
+    for i in range(U(begin), U(end)):
         c[i], s[i] = cos_sin(angle[i])
 
 
 @inline
-def drift(n: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> None:
-    """Move every tile for a time h."""
+def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarray,
+          angle: np.ndarray) -> None:
+    """Move these tiles for a time h."""
     vx, vy, w = v.vx, v.vy, v.w
-    for i in range(U(n)):
+    for i in range(U(begin), U(end)):
         x[i] += h * vx[i]
         y[i] += h * vy[i]
         angle[i] += h * w[i]
 
 
 @inline
-def damp(n: int, linear: float, angular: float, v: Bodies) -> None:
-    """Slow every tile down by these factors."""
+def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None:
+    """Slow these tiles down by these factors."""
     vx, vy, w = v.vx, v.vy, v.w
-    for i in range(U(n)):
+    for i in range(U(begin), U(end)):
         vx[i] *= linear
         vy[i] *= linear
         w[i] *= angular
@@ -457,11 +519,37 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
     if error != OK:
         return int(error)
-    turn(k.n, angle, work.c, work.s)
+    turn(0, k.n, angle, work.c, work.s)
     counts.magnet_lists[0] += 1
     found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
-                         turning, near)
+                         turning, near, work.crew)
     return OK if fits(found, ahead, near.p.size) else MORE_MAGNETS
+
+
+@lane
+def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+               work: Work, begin: int, end: int) -> None:
+    """Where these tiles and their magnets will be in a time `half`."""
+    v, fx, fy, torque = work.bodies, work.fx, work.fy, work.torque
+    midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(U(begin), U(end)):
+        midx[i], midy[i] = x[i] + half * vx[i], y[i] + half * vy[i]
+        mid_angle[i] = angle[i] + half * w[i]
+        fx[i] = fy[i] = torque[i] = 0.0
+    if law.cutoff > 0.0:
+        turn(begin, end, mid_angle, work.c, work.s)
+        place_magnets(work.magnets, law.offset, midx, midy, work.c, work.s, begin, end)
+
+
+@lane
+def place_all(k: Numbers, ahead: float, x: np.ndarray, y: np.ndarray, work: Work, begin: int,
+              end: int) -> Any:
+    """Where the rows of these blocks touch; see `place_rows`."""
+    v = work.bodies
+    return place_rows(work.rows, k.n, k.width, ahead, k.wall, k.wall_x, k.wall_y,
+                      1.0 / k.inertia / (1.0 / k.mass), k.threshold, x, y, work.c, work.s, v.vx,
+                      v.vy, v.w, begin, end)
 
 
 @inline
@@ -469,16 +557,16 @@ def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, dri
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                 work: Work) -> None:
     """Forces and torques of magnets and drive a time `half` after the tiles are at x, y."""
-    v, fx, fy, torque, c, s = work.bodies, work.fx, work.fy, work.torque, work.c, work.s
+    v, fx, fy, torque, crew = work.bodies, work.fx, work.fy, work.torque, work.crew
     midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
     vx, vy, w = v.vx, v.vy, v.w
-    for i in range(U(n)):
-        midx[i], midy[i] = x[i] + half * vx[i], y[i] + half * vy[i]
-        mid_angle[i] = angle[i] + half * w[i]
-        fx[i] = fy[i] = torque[i] = 0.0
+    crew.numbers[0] = half
+    give(crew, AHEAD, 0, n, LEAST_TILES)
+    begin, end = share(crew, 0, 0, n, LEAST_TILES)
+    look_ahead(half, law, x, y, angle, work, begin, end)
+    collect(crew)
     if law.cutoff > 0.0:
-        turn(n, mid_angle, c, s)
-        add_magnet_forces(law, n, work.magnets, midx, midy, c, s, fx, fy, torque)
+        add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
     drive(t, parameters, midx[:n], midy[:n], mid_angle[:n], vx[:n], vy[:n], w[:n], tiles.family,
           tiles.forward, fx[:n], fy[:n], torque[:n])
 
@@ -486,8 +574,8 @@ def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, dri
 @kernel
 def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
             drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
-            first: int, steps: int, reach: float) -> tuple[int, int]:
-    """Advance by `steps` steps, the first of which is number `first` of the run.
+            begun: int, steps: int, reach: float) -> tuple[int, int]:
+    """Advance by `steps` steps; the run has `begun` with so many.
 
     Returns the error word and the steps done; on MORE_PAIRS, MORE_ROWS and MORE_MAGNETS the state
     is that before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs
@@ -495,7 +583,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     """
     n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
     x, y, angle, last = state.x, state.y, state.angle, state.last
-    v, rows, c, s, before = work.bodies, work.rows, work.c, work.s, work.shift
+    v, rows, c, s, before, crew = (work.bodies, work.rows, work.c, work.s, work.shift,
+                                   work.crew)
     copy(state.vx, v.vx, n + 1)
     copy(state.vy, v.vy, n + 1)
     copy(state.omega, v.w, n + 1)
@@ -520,7 +609,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                                  np.int64(1), work, counts)
             if error != OK:
                 break
-        find_forces((first + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
+        find_forces((begun + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
                     magnets, drive, drive_parameters, x, y, angle, work)
         left = k.substeps * TICKS
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
@@ -532,7 +621,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                                          np.int64(0), work, counts)
                     if error != OK:
                         break
-                find_forces((first + step) * step_length + (part + 0.5) * part_length, n,
+                find_forces((begun + step) * step_length + (part + 0.5) * part_length, n,
                             0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y,
                             angle, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
@@ -556,10 +645,10 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             error = find_pairs(k, reach, tiles, x, y, way, ahead, work, counts)
                             if error != OK:
                                 break
-                        turn(n, angle, c, s)
+                        turn(0, n, angle, c, s)
                         found, changed, overlap = find_rows(
                             rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
-                            tiles.mobile, way, far, ahead)
+                            tiles.mobile, way, far, ahead, crew)
                         if found < 0:
                             error = MORE_ROWS
                             break
@@ -585,7 +674,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 rest = left - end - ticks
                 promised = fitting(wanted, rest if rest > 0 else k.substeps * TICKS // parts)
                 # From the middle of this substep to that of the next.
-                look_ahead = 0.5 * max(2 * ticks, ticks + promised) * tick
+                ahead_time = 0.5 * max(2 * ticks, ticks + promised) * tick
                 if ticks != before_ticks:
                     scale_impulses(rows, ticks / before_ticks)
                     before_ticks, h = ticks, ticks * tick
@@ -594,42 +683,54 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     slow_spin = math.exp(-0.5 * h * k.angular_damping)
                 counts.substeps[0] += 1
                 counts.joined[0] += max(ticks // TICKS - 1, 0)
-                drift(n, 0.5 * h, v, x, y, angle)
-                damp(n, slow, slow_spin, v)
+                tell(crew, h, ahead_time, slow, slow_spin)
+                give(crew, BEGIN, 0, n, LEAST_TILES)
+                low, high = share(crew, 0, 0, n, LEAST_TILES)
+                drift(low, high, 0.5 * h, v, x, y, angle)
+                damp(low, high, slow, slow_spin, v)
                 if m > 0 or floor.law == EXACT:
-                    turn(n, angle, c, s)
+                    turn(low, high, angle, c, s)
+                collect(crew)
                 if m > 0:
-                    struck, overlap = place_rows(
-                        rows, n, k.width, look_ahead, k.wall, k.wall_x, k.wall_y, ii / im,
-                        k.threshold, x, y, c, s, vx, vy, w)
+                    blocks = rows.first[COLOURS]
+                    give(crew, PLACE, 0, blocks, LEAST_BLOCKS)
+                    low, high = share(crew, 0, 0, blocks, LEAST_BLOCKS)
+                    struck, overlap = place_all(k, ahead_time, x, y, work, low, high)
+                    collect(crew)
+                    for other in range(1, crew.size if high < blocks else 1):
+                        struck += crew.found[other * LINE]
+                        overlap = max(overlap, crew.deepest[other * LINE])
                     note_overlap(overlap, k.width, ticks, counts)
                     wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                     if struck > 0:
                         counts.impacts[0] += struck
-                        impacts(rows, with_substep(k, look_ahead), v, work.scratch, x, y, angle,
+                        impacts(rows, with_substep(k, ahead_time), v, work.scratch, x, y, angle,
                                 c, s)
                 else:
                     counts.overlap[0] += ticks
-                kick(kh, work.fx, work.fy, work.torque, v)
+                give(crew, KICK, 0, n + 1, LEAST_TILES)
+                low, high = share(crew, 0, 0, n + 1, LEAST_TILES)
+                kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
+                collect(crew)
                 if m > 0 or floor.law != 0:
-                    copy(vx, before.vx, n + 1)
-                    copy(vy, before.vy, n + 1)
-                    copy(w, before.w, n + 1)
-                    apply_impulses(rows, ii / im, v)
-                    passes = relax(rows, m, kh, floor, im, ii, c, s, v, kh.tolerance)
+                    apply_impulses(rows, ii / im, v, crew)
+                    passes = relax(rows, m, kh, floor, im, ii, c, s, v, kh.tolerance, crew)
                     last[0] = passes if passes >= 0 else -1 - passes
                     if last[0] > FEW and wanted > TICKS:
                         wanted >>= 1
                     counts.unconverged[0] += 1 if passes < 0 else 0
                     counts.passes[0] += last[0]
                     if m > 0:
-                        limit_work(rows, kh, floor, im, ii, c, s, v, before)
+                        limit_work(rows, kh, floor, im, ii, c, s, v, before, crew)
                     if floor.law != 0:
-                        drift_back(kh, floor, before, im, ii, v, x, y, angle)
+                        drift_back(kh, floor, before, im, ii, v, x, y, angle, crew)
                 counts.rows[0] += m
-                damp(n, slow, slow_spin, v)
-                drift(n, 0.5 * h, v, x, y, angle)
-                if m > 0 and project(rows, kh, ii / im, v, work.shift, x, y, angle):
+                give(crew, END, 0, n, LEAST_TILES)
+                low, high = share(crew, 0, 0, n, LEAST_TILES)
+                damp(low, high, slow, slow_spin, v)
+                drift(low, high, 0.5 * h, v, x, y, angle)
+                collect(crew)
+                if m > 0 and project(rows, kh, ii / im, v, work.shift, x, y, angle, crew):
                     counts.projections[0] += 1
                 left -= ticks
                 further = beyond(k, left * tick, x, y, angle, work) if contacts and left > 0 else 0
@@ -655,3 +756,72 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         if not (np.isfinite(vx[i]) and np.isfinite(vy[i]) and np.isfinite(w[i])):
             error = NOT_FINITE
     return error, done
+
+
+@kernel
+def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw,
+             floor: FloorLaw, work: Work) -> None:
+    """Thread `me` > 0 of a crew: do shares of what `advance` gives out after job number `job`,
+    until it is told to leave."""
+    x, y, angle, v, rows, crew = (state.x, state.y, state.angle, work.bodies, work.rows,
+                                  work.crew)
+    im, ii = 1.0 / k.mass, 1.0 / k.inertia
+    while True:
+        job += 1
+        wait_for(crew.job, 0, job)
+        what = crew.what[0]
+        if what == LEAVE:
+            return
+        h, ahead_time, slow, slow_spin = (crew.numbers[0], crew.numbers[1], crew.numbers[2],
+                                          crew.numbers[3])
+        first, last = share(crew, me, crew.what[1], crew.what[2], 0)
+        if what == BEGIN:
+            drift(first, last, 0.5 * h, v, x, y, angle)
+            damp(first, last, slow, slow_spin, v)
+            turn(first, last, angle, work.c, work.s)
+        elif what == PLACE:
+            struck, deepest = place_all(k, ahead_time, x, y, work, first, last)
+            crew.found[me * LINE], crew.deepest[me * LINE] = struck, deepest
+        elif what == KICK:
+            kick(k, h, work.fx, work.fy, work.torque, v, work.shift, first, last)
+        elif what == APPLY:
+            apply_blocks(rows, ii / im, v, first, last)
+        elif what == SWEEP:
+            sweep_blocks(rows, ii / im, v, first, last)
+        elif what == FLOOR:
+            floor_tiles(floor, with_substep(k, h), im, ii, work.c, work.s, v, first, last)
+        elif what == WORK:
+            work_on(k, im, ii, v, work.shift, first, last)
+        elif what == BACK:
+            crew.found[me * LINE] = find_stopped(im, ii, v, work.shift, first, last)
+        elif what == DEEP:
+            find_deep(rows, with_substep(k, h), first, last)
+        elif what == END:
+            damp(first, last, slow, slow_spin, v)
+            drift(first, last, 0.5 * h, v, x, y, angle)
+        elif what == LIST:
+            pairs, left = magnets_from(
+                magnets, work.pairs, k.n, tiles.glues, x, y, work.c, work.s, work.need,
+                work.turning, work.magnets, me, crew.size, first, last)
+            crew.found[me * LINE], crew.found[me * LINE + 1] = pairs, left
+        elif what == ROWS:
+            m, deepest = rows_from(
+                rows, work.pairs, k.n, k.width, k.wall, k.wall_x, k.wall_y, x, y, work.c, work.s,
+                tiles.mobile, work.way, work.far, me, crew.size, first, last)
+            crew.found[me * LINE], crew.deepest[me * LINE] = m, deepest
+        elif what == AHEAD:
+            look_ahead(h, magnets, x, y, angle, work, first, last)
+        elif what == PULL:
+            pull(magnets, work.magnets, crew.what[1], first, last)
+        elif what == REACT:
+            react(work.magnets, crew.what[1], crew.what[2], False, me == 1)
+        elif what == TOTAL:
+            add_up(work.magnets, work.fx, work.fy, work.torque, first, last)
+        report(crew, me, job)
+
+
+@kernel
+def dismiss(crew: Crew) -> None:
+    """Let the helpers of a crew leave."""
+    crew.what[0] = LEAVE
+    count(crew)

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
 from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
 from tbsa.kernels.jit import U, columns, copy, inline, lane
-from tbsa.kernels.neighbours import Pairs, near_place
+from tbsa.kernels.neighbours import Pairs, first_of, near_place
 
 CIRCLE, RECTANGLE = 1, 2
 
@@ -158,20 +159,65 @@ def off_wall(wall: int, wall_x: float, wall_y: float, x: float, y: float, reach:
 def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
               wall_x: float, wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray,
               s: np.ndarray, mobile: np.ndarray, way: np.ndarray, far: np.ndarray,
-              spare: int) -> Any:
+              spare: int, crew: Crew) -> Any:
     """List what may touch in this step, in which the tiles' centres go as far as `way` and their
     corners as `far` as this (m).
 
     Returns the number of new rows, -1 where they do not fit, whether they are others than the
     rows that there are, and their deepest overlap (m).
     """
-    start, other = pairs.start, pairs.other
+    # Space is left for what else the middle of a step may bring.
+    room = rows.a.size - spare * (rows.a.size // 5)
+    give(crew, ROWS, 0, room, LEAST_ROOM)
+    at, end = share(crew, 0, 0, room, LEAST_ROOM)
+    m, overlap = rows_from(rows, pairs, n, width, wall, wall_x, wall_y, x, y, c, s, mobile, way,
+                           far, 0, crew.size if end < room else 1, at, end)
+    collect(crew)
+    for other in range(1, crew.size if end < room else 1):
+        more = crew.found[other * LINE]
+        at, _ = share(crew, other, 0, room, 0)
+        overlap = max(overlap, crew.deepest[other * LINE])
+        if m < 0 or more < 0:
+            m = -1
+        else:
+            close_up(rows.new_a, at, m, more)
+            close_up(rows.new_b, at, m, more)
+            close_up(rows.new_corner, at, m, more)
+            m += more
+    return m, m != rows.size[0] or not same_rows(rows, m), overlap
+
+
+@inline
+def close_up(numbers: np.ndarray, begin: int, to: int, n: int) -> None:
+    """Move n numbers to a place before them."""
+    for i in range(U(n)):
+        numbers[U(to) + i] = numbers[U(begin) + i]
+
+
+@inline
+def same_rows(rows: Rows, m: int) -> bool:
+    """Whether the first m new rows are the rows that there are."""
     ra, rb, corner, na, nb, new_corner = (rows.a, rows.b, rows.corner, rows.new_a, rows.new_b,
                                           rows.new_corner)
-    before, m, same, deepest = rows.size[0], 0, True, 0.0
-    # Space is left for what else the middle of a step may bring.
-    half, room = 0.5 * width, ra.size - spare * (ra.size // 5)
-    for a in range(n):
+    others = 0
+    for i in range(U(m)):
+        others |= (ra[i] ^ na[i]) | (rb[i] ^ nb[i]) | (corner[i] ^ new_corner[i])
+    return others == 0
+
+
+@lane
+def rows_from(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x: float,
+              wall_y: float, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
+              mobile: np.ndarray, way: np.ndarray, far: np.ndarray, me: int, threads: int,
+              at: int, end: int) -> Any:
+    """The rows of one of so many shares of the tiles, from place `at` to `end` of the new ones.
+
+    Returns the number of them, -1 where they do not fit, and their deepest overlap (m).
+    """
+    start, other = pairs.start, pairs.other
+    na, nb, new_corner = rows.new_a, rows.new_b, rows.new_corner
+    m, half, deepest = at, 0.5 * width, 0.0
+    for a in range(first_of(pairs, n, me, threads), first_of(pairs, n, me + 1, threads)):
         way_a, far_a = way[a], far[a]
         for k in range(start[a], start[a + 1]):
             b = U(other[k])
@@ -182,10 +228,9 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
             if gap > margin:
                 continue
-            if m == room:
-                return -1, False, 0.0
+            if m == end:
+                return -1, 0.0
             deepest = min(deepest, gap)
-            same = same and ra[m] == a and rb[m] == other[k]
             na[m], nb[m], new_corner[m] = a, other[k], 0
             m += 1
         if wall == 0 or mobile[a] == 0.0 or off_wall(wall, wall_x, wall_y, x[a], y[a],
@@ -195,13 +240,12 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             gap = corner_gap(wall, code, wall_x, wall_y, x[a], y[a], c[a], s[a], half)
             if gap > far_a:
                 continue
-            if m == room:
-                return -1, False, 0.0
+            if m == end:
+                return -1, 0.0
             deepest = min(deepest, gap)
-            same = same and ra[m] == a and rb[m] == n and corner[m] == code
             na[m], nb[m], new_corner[m] = a, n, code
             m += 1
-    return m, not (same and m == before), -deepest
+    return m - at, -deepest
 
 
 @inline
@@ -647,18 +691,18 @@ def deepest_gap(rows: Rows, block: int) -> float:
 @inline
 def place_rows(rows: Rows, n: int, width: float, h: float, wall: int, wall_x: float,
                wall_y: float, per_mass: float, threshold: float, x: np.ndarray, y: np.ndarray,
-               c: np.ndarray, s: np.ndarray, vx: np.ndarray, vy: np.ndarray, w: np.ndarray
-               ) -> Any:
-    """Where all rows touch now, and what they weigh: `place_block` and `weigh_block`.
+               c: np.ndarray, s: np.ndarray, vx: np.ndarray, vy: np.ndarray, w: np.ndarray,
+               begin: int, last: int) -> Any:
+    """Where the rows of these blocks touch now, and what they weigh: `place_block` and
+    `weigh_block`.
 
     CHUNK blocks at a time: they stay in the first-level cache from one loop to the next, and what
     `look` has written is not read before it has got there.  Returns the number of points that hit,
     and the deepest overlap (m).
     """
-    struck, deepest = 0, 0.0
-    first, pairs = rows.first, rows.first[PAIR_COLOURS]
-    for start in range(0, first[COLOURS], CHUNK):
-        end = min(start + CHUNK, first[COLOURS])
+    struck, deepest, pairs = 0, 0.0, rows.first[PAIR_COLOURS]
+    for start in range(begin, last, CHUNK):
+        end = min(start + CHUNK, last)
         if end <= pairs:
             for block in range(start, end):
                 look(rows, block, x, y, c, s, vx, vy, w)

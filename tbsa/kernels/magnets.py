@@ -11,10 +11,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.crew import (
+    LEAST_PAIRS,
+    LEAST_ROOM,
+    LEAST_TILES,
+    LINE,
+    LIST,
+    PULL,
+    REACT,
+    TOTAL,
+    Crew,
+    collect,
+    give,
+    share,
+)
 from tbsa.kernels.jit import U, columns, copy, inline, kernel, lane
-from tbsa.kernels.neighbours import Pairs
+from tbsa.kernels.neighbours import Pairs, first_of
 
 CHUNK = 512  # pairs that are worked on together, in the first-level cache
+PORTION = 64 * CHUNK  # pairs that threads share, for as long as a few microseconds each
 
 
 class MagnetLaw(NamedTuple):
@@ -52,7 +67,7 @@ class MagnetPairs(NamedTuple):
     a: np.ndarray  # int32, tile pairs whose magnets may be in reach, a < b
     b: np.ndarray
     which: np.ndarray  # int32, their magnet pairs that may be, as bits 4 edge of a + edge of b
-    dx: np.ndarray  # float64[CHUNK], m, scratch: from a to b
+    dx: np.ndarray  # float64[CHUNK], m, scratch of each thread: from a to b
     dy: np.ndarray
     r2: np.ndarray  # m^2, square of the distance at which their magnets are listed
     ca: np.ndarray  # m, the magnets' arms
@@ -68,7 +83,7 @@ class MagnetPairs(NamedTuple):
     angle: np.ndarray
     way: np.ndarray  # float64[n], m, how far the centre of each may go
     margin: np.ndarray  # float64[n], m, ... and its magnets; -1: never listed
-    hx: np.ndarray  # float64[CHUNK], scratch: from p to q (m), then the force on p (N)
+    hx: np.ndarray  # float64[CHUNK or PORTION], scratch: from p to q (m), then force on p (N)
     hy: np.ndarray
     ax: np.ndarray  # float64[4 n], m, magnets as seen from the tiles' centres
     ay: np.ndarray
@@ -78,9 +93,10 @@ class MagnetPairs(NamedTuple):
     gy: np.ndarray
 
 
-def empty_magnet_pairs(n: int, pairs: int, capacity: int) -> MagnetPairs:
+def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> MagnetPairs:
     """Space for `pairs` pairs of `n` tiles and `capacity` pairs of their magnets; none listed."""
-    *part, hx, hy = columns(CHUNK, [float] * 9)
+    part = columns(CHUNK * threads, [float] * 7)
+    hx, hy = columns(CHUNK if threads == 1 else PORTION, [float] * 2)
     # Half as wide as other whole numbers: these are the longest lists of a large scene.
     lists = [np.zeros(size, np.int32) for size in [pairs] * 3 + [capacity] * 2]
     near = MagnetPairs._make([
@@ -117,12 +133,14 @@ def magnets_stale(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np
     return some > 0
 
 
-@inline
-def place_magnets(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np.ndarray,
-                  c: np.ndarray, s: np.ndarray) -> None:
-    """Where the magnets are: N, E, S, W of every tile."""
-    ax, ay, mx, my = near.ax, near.ay, near.mx, near.my
-    for i in range(U(n)):
+@lane
+def place_magnets(near: MagnetPairs, offset: float, x: np.ndarray, y: np.ndarray,
+                  c: np.ndarray, s: np.ndarray, begin: int, end: int) -> None:
+    """Where the magnets of these tiles are: N, E, S, W of every one.  No forces on them yet."""
+    ax, ay, mx, my, gx, gy = near.ax, near.ay, near.mx, near.my, near.gx, near.gy
+    for i in range(U(4) * U(begin), U(4) * U(end)):
+        gx[i] = gy[i] = 0.0
+    for i in range(U(begin), U(end)):
         k, cd, sd = U(4) * i, c[i] * offset, s[i] * offset
         ax[k], ay[k] = -sd, cd
         ax[k + U(1)], ay[k + U(1)] = cd, sd
@@ -137,62 +155,29 @@ def place_magnets(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np
 @inline
 def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.ndarray,
                  y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray,
-                 way: np.ndarray, margin: np.ndarray, near: MagnetPairs) -> int:
+                 way: np.ndarray, margin: np.ndarray, near: MagnetPairs, crew: Crew) -> int:
     """List the magnet pairs nearer than the cut-off and both margins (m).
 
     `way` are the margins of the centres: turning does not bring magnets nearer than these do.
 
     Returns the number of them; where that exceeds the capacity the list is of no use.
     """
-    start, other = pairs.start, pairs.other
-    of_a, of_b, which, mp, mq, strength = near.a, near.b, near.which, near.p, near.q, near.strength
-    d = law.offset
-    found: Any = U(0)
-    for a in range(n):
-        for k in range(start[a], start[a + 1]):
-            b = U(other[k])
-            rx, ry = x[b] - x[a], y[b] - y[a]
-            reach = law.cutoff + 2.0 * d + way[a] + way[b]
-            # Written in any case and kept by moving on, as no branch can be foreseen.
-            of_a[found], of_b[found] = a, other[k]
-            found += U(rx * rx + ry * ry < reach * reach)
-    dx, dy, r2, ca, sa, cb, sb = near.dx, near.dy, near.r2, near.ca, near.sa, near.cb, near.sb
-    for start_of_part in range(0, found, CHUNK):
-        o, part = U(start_of_part), min(found - U(start_of_part), U(CHUNK))
-        for k in range(part):
-            ta, tb = U(of_a[o + k]), U(of_b[o + k])
-            dx[k], dy[k] = x[tb] - x[ta], y[tb] - y[ta]
-            reach = law.cutoff + margin[ta] + margin[tb]
-            r2[k] = reach * reach
-            ca[k], sa[k], cb[k], sb[k] = d * c[ta], d * s[ta], d * c[tb], d * s[tb]
-        for k in range(part):  # without branches, on its own: it vectorises, and takes a quarter
-            which[o + k] = (four(dx[k] + sa[k], dy[k] - ca[k], cb[k], sb[k], r2[k])
-                            | four(dx[k] - ca[k], dy[k] - sa[k], cb[k], sb[k], r2[k]) << 4
-                            | four(dx[k] - sa[k], dy[k] + ca[k], cb[k], sb[k], r2[k]) << 8
-                            | four(dx[k] + ca[k], dy[k] + sa[k], cb[k], sb[k], r2[k]) << 12)
-    total = 0
-    for k in range(found):
-        bits = which[k]
-        total += (NUMBER[U(bits & 15)] + NUMBER[U(bits >> 4 & 15)] + NUMBER[U(bits >> 8 & 15)]
-                  + NUMBER[U(bits >> 12)])
-    if total + 16 > mp.size:
-        return total + 16
-    m: Any = U(0)
-    for k in range(found):
-        p, q, bits = 4 * of_a[k], 4 * of_b[k], which[k]
-        for i in range(4):
-            row = bits >> 4 * i & 15
-            if row != 0:
-                for j in range(4):
-                    mp[m], mq[m] = p + i, q + j
-                    m += U(row >> j & 1)
-    for i in range(m):
-        strength[i] = law.alpha * polarity(glues[U(mp[i])], glues[U(mq[i])], law.mismatch)
-    if law.mismatch == 0.0:
-        listed, m = m, U(0)
-        for i in range(listed):
-            mp[m], mq[m], strength[m] = mp[i], mq[i], strength[i]
-            m += U(strength[i] != 0.0)
+    room = near.p.size
+    give(crew, LIST, 0, room, LEAST_ROOM)
+    at, end = share(crew, 0, 0, room, LEAST_ROOM)
+    total, m = magnets_from(law, pairs, n, glues, x, y, c, s, way, margin, near, 0,
+                            crew.size if end < room else 1, at, end)
+    collect(crew)
+    for other in range(1, crew.size if end < room else 1):
+        more, kept = crew.found[other * LINE], crew.found[other * LINE + 1]
+        at, _ = share(crew, other, 0, room, 0)
+        total += more
+        if total <= room:
+            for i in range(U(kept)):
+                to, by = U(m) + i, U(at) + i
+                near.p[to], near.q[to], near.strength[to] = (near.p[by], near.q[by],
+                                                             near.strength[by])
+        m += kept
     near.size[0] = m
     copy(x, near.x, n)
     copy(y, near.y, n)
@@ -202,37 +187,125 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
     return int(total)
 
 
-@inline
-def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, x: np.ndarray, y: np.ndarray,
-                      c: np.ndarray, s: np.ndarray, fx: np.ndarray, fy: np.ndarray,
-                      torque: np.ndarray) -> None:
-    """Add the forces of all listed pairs, applied at the magnets, to the tiles' (N, N m)."""
-    place_magnets(near, n, law.offset, x, y, c, s)
+@lane
+def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.ndarray,
+                 y: np.ndarray, c: np.ndarray, s: np.ndarray, way: np.ndarray,
+                 margin: np.ndarray, near: MagnetPairs, me: int, threads: int, at: int,
+                 end: int) -> Any:
+    """List the magnet pairs of one of so many shares of the tiles, from place `at` to `end`.
+
+    Returns the number of them, and of those with a force; where that exceeds the capacity of the
+    whole list the list is of no use.
+    """
+    start, other = pairs.start, pairs.other
+    of_a, of_b, which, mp, mq, strength = near.a, near.b, near.which, near.p, near.q, near.strength
+    d, first, last = law.offset, first_of(pairs, n, me, threads), first_of(pairs, n, me + 1,
+                                                                          threads)
+    begin: Any = U(start[first])  # no share has more pairs of tiles than are on their list
+    found: Any = begin
+    for a in range(first, last):
+        for k in range(start[a], start[a + 1]):
+            b = U(other[k])
+            rx, ry = x[b] - x[a], y[b] - y[a]
+            reach = law.cutoff + 2.0 * d + way[a] + way[b]
+            # Written in any case and kept by moving on, as no branch can be foreseen.
+            of_a[found], of_b[found] = a, other[k]
+            found += U(rx * rx + ry * ry < reach * reach)
+    dx, dy, r2, ca, sa, cb, sb = near.dx, near.dy, near.r2, near.ca, near.sa, near.cb, near.sb
+    h = U(me) * U(CHUNK)
+    for start_of_part in range(begin, found, CHUNK):
+        o, part = U(start_of_part), min(found - U(start_of_part), U(CHUNK))
+        for i in range(part):
+            u, ta, tb = h + i, U(of_a[o + i]), U(of_b[o + i])
+            dx[u], dy[u] = x[tb] - x[ta], y[tb] - y[ta]
+            reach = law.cutoff + margin[ta] + margin[tb]
+            r2[u] = reach * reach
+            ca[u], sa[u], cb[u], sb[u] = d * c[ta], d * s[ta], d * c[tb], d * s[tb]
+        for i in range(part):  # without branches, on its own: it vectorises, and takes a quarter
+            u = h + i
+            which[o + i] = (four(dx[u] + sa[u], dy[u] - ca[u], cb[u], sb[u], r2[u])
+                            | four(dx[u] - ca[u], dy[u] - sa[u], cb[u], sb[u], r2[u]) << 4
+                            | four(dx[u] - sa[u], dy[u] + ca[u], cb[u], sb[u], r2[u]) << 8
+                            | four(dx[u] + ca[u], dy[u] + sa[u], cb[u], sb[u], r2[u]) << 12)
+    total = 0
+    for k in range(begin, found):
+        bits = which[k]
+        total += (NUMBER[U(bits & 15)] + NUMBER[U(bits >> 4 & 15)] + NUMBER[U(bits >> 8 & 15)]
+                  + NUMBER[U(bits >> 12)])
+    if total + 16 > end - at:
+        return total + 16 + mp.size - (end - at), 0
+    m: Any = U(at)
+    for k in range(begin, found):
+        p, q, bits = 4 * of_a[k], 4 * of_b[k], which[k]
+        for i in range(4):
+            row = bits >> 4 * i & 15
+            if row != 0:
+                for j in range(4):
+                    mp[m], mq[m] = p + i, q + j
+                    m += U(row >> j & 1)
+    for i in range(U(at), m):
+        strength[i] = law.alpha * polarity(glues[U(mp[i])], glues[U(mq[i])], law.mismatch)
+    if law.mismatch == 0.0:
+        listed, m = m, U(at)
+        for i in range(U(at), listed):
+            mp[m], mq[m], strength[m] = mp[i], mq[i], strength[i]
+            m += U(strength[i] != 0.0)
+    return int(total), int(m) - at
+
+
+@lane
+def pull(law: MagnetLaw, near: MagnetPairs, portion: int, begin: int, end: int) -> None:
+    """The forces of these magnet pairs, into scratch that begins with pair `portion`."""
     mp, mq, strength, hx, hy = near.p, near.q, near.strength, near.hx, near.hy
-    ax, ay, mx, my, gx, gy = near.ax, near.ay, near.mx, near.my, near.gx, near.gy
-    fade, beta, m = law.fade, law.beta, U(near.size[0])
+    mx, my, fade, beta = near.mx, near.my, law.fade, law.beta
     per_fade = 1.0 / max(law.cutoff - fade, 1e-300)
-    gx[:] = 0.0
-    gy[:] = 0.0
-    for start in range(0, m, CHUNK):
-        o, part = U(start), min(m - U(start), U(CHUNK))
+    for start in range(begin, end, CHUNK):
+        o, h, part = U(start), U(start - portion), U(min(end - start, CHUNK))
         for i in range(part):
             p, q = U(mp[o + i]), U(mq[o + i])
-            hx[i], hy[i] = mx[q] - mx[p], my[q] - my[p]
+            hx[h + i], hy[h + i] = mx[q] - mx[p], my[q] - my[p]
         for i in range(part):  # on its own, so that it vectorises: 1.2 ns a pair instead of 3.5
-            rx, ry = hx[i], hy[i]
+            rx, ry = hx[h + i], hy[h + i]
             r = math.sqrt(rx * rx + ry * ry)
             # Two magnets in one place have no direction; contact pushes such tiles apart.
             f = strength[o + i] * switch((r - fade) * per_fade)
             f /= max(r, 1e-300) * (r + beta) * (r + beta)
-            hx[i], hy[i] = f * rx, f * ry
+            hx[h + i], hy[h + i] = f * rx, f * ry
+
+
+@lane
+def react(near: MagnetPairs, begin: int, end: int, along_x: bool, along_y: bool) -> None:
+    """Add the forces of these magnet pairs to those on both magnets, or one component of them.
+
+    Always in the order of the pairs: of two threads each takes a component.
+    """
+    mp, mq, hx, hy, gx, gy = near.p, near.q, near.hx, near.hy, near.gx, near.gy
+    o, part = U(begin), U(end - begin)
+    if along_x and along_y:
         for i in range(part):
             p, q = U(mp[o + i]), U(mq[o + i])
             gx[p] += hx[i]
             gy[p] += hy[i]
             gx[q] -= hx[i]
             gy[q] -= hy[i]
-    for i in range(U(n)):
+    elif along_x:
+        for i in range(part):
+            p, q = U(mp[o + i]), U(mq[o + i])
+            gx[p] += hx[i]
+            gx[q] -= hx[i]
+    elif along_y:
+        for i in range(part):
+            p, q = U(mp[o + i]), U(mq[o + i])
+            gy[p] += hy[i]
+            gy[q] -= hy[i]
+
+
+@lane
+def add_up(near: MagnetPairs, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, begin: int,
+           end: int) -> None:
+    """Add the forces on the magnets of these tiles to those on the tiles."""
+    ax, ay, gx, gy = near.ax, near.ay, near.gx, near.gy
+    for i in range(U(begin), U(end)):
         k = U(4) * i
         fx[i] += (gx[k] + gx[k + U(1)]) + (gx[k + U(2)] + gx[k + U(3)])
         fy[i] += (gy[k] + gy[k + U(1)]) + (gy[k + U(2)] + gy[k + U(3)])
@@ -243,17 +316,38 @@ def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, x: np.ndarray, 
         torque[i] += t
 
 
+@inline
+def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, fx: np.ndarray, fy: np.ndarray,
+                      torque: np.ndarray, crew: Crew) -> None:
+    """Add the forces of all listed pairs, applied at the magnets, to the tiles' (N, N m)."""
+    size = near.size[0]
+    for portion in range(0, size, near.hx.size):
+        last = min(portion + near.hx.size, size)
+        give(crew, PULL, portion, last, LEAST_PAIRS)
+        begin, end = share(crew, 0, portion, last, LEAST_PAIRS)
+        pull(law, near, portion, begin, end)
+        collect(crew)
+        give(crew, REACT, portion, last, LEAST_PAIRS)
+        react(near, portion, last, True, end == last)
+        collect(crew)
+    give(crew, TOTAL, 0, n, LEAST_TILES)
+    begin, end = share(crew, 0, 0, n, LEAST_TILES)
+    add_up(near, fx, fy, torque, begin, end)
+    collect(crew)
+
+
 @kernel
 def magnet_forces(law: MagnetLaw, pairs: Pairs, glues: np.ndarray, x: np.ndarray, y: np.ndarray,
                   angle: np.ndarray, near: MagnetPairs, fx: np.ndarray, fy: np.ndarray,
-                  torque: np.ndarray) -> int:
+                  torque: np.ndarray, crew: Crew) -> int:
     """Add the forces of all magnets on the tiles at x, y, angle; `pairs` must be up to date.
 
     Returns the number of magnet pairs; where that exceeds the capacity nothing was added.
     """
     n = x.size
     c, s = np.cos(angle), np.sin(angle)
-    m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, np.zeros(n), np.zeros(n), near)
+    m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, np.zeros(n), np.zeros(n), near, crew)
     if m <= near.p.size:
-        add_magnet_forces(law, n, near, x, y, c, s, fx, fy, torque)
+        place_magnets(near, law.offset, x, y, c, s, 0, n)
+        add_magnet_forces(law, n, near, fx, fy, torque, crew)
     return int(m)

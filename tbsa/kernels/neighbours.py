@@ -118,6 +118,22 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
 
 
 @inline
+def first_of(pairs: Pairs, n: int, part: int, parts: int) -> int:
+    """The first tile of one of so many parts that have about as many pairs each."""
+    start = pairs.start
+    low, high, sought = 0, n, start[n] * part // parts
+    if part == parts:
+        return n
+    while low < high:
+        mid = (low + high) // 2
+        if start[mid] < sought:
+            low = mid + 1
+        else:
+            high = mid
+    return low
+
+
+@inline
 def near_place(pairs: Pairs, x: float, y: float, far: float, found: np.ndarray) -> int:
     """List, into `found`, the tiles that were in the cells within `far` (m) of a place when the
     pairs were listed; returns how many."""

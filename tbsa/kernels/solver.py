@@ -65,6 +65,19 @@ from tbsa.kernels.contacts import (
     WANT1,
     Rows,
 )
+from tbsa.kernels.crew import (
+    APPLY,
+    DEEP,
+    FLOOR,
+    LEAST_BLOCKS,
+    LEAST_TILES,
+    SWEEP,
+    WORK,
+    Crew,
+    collect,
+    give,
+    share,
+)
 from tbsa.kernels.floor import (
     COUPLED,
     EXACT,
@@ -309,58 +322,85 @@ def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
     return float(r[i + CHANGE])
 
 
+@lane
+def apply_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
+    """Apply the impulses that the rows of these blocks of one colour carry."""
+    r, active = rows.field, rows.active
+    vx, vy, w = v.vx, v.vy, v.w
+    for start in range(begin, last, CHUNK):
+        m = start  # scratch of the chunk's own, as another thread may be at another chunk
+        for block in range(start, min(start + CHUNK, last)):
+            o = U(block) * BLOCK
+            some = 0
+            for i in range(LANES):
+                some += 1 if (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) else 0
+            active[m] = block
+            m += 1 if some > 0 else 0
+        for j in range(start, m):
+            gather(rows, active[j], vx, vy, w)
+        for j in range(start, m):
+            o = U(active[j]) * BLOCK
+            for i in range(LANES):
+                k = o + i
+                push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+        for j in range(start, m):
+            scatter(rows, active[j], vx, vy, w)
+
+
 @inline
-def apply_impulses(rows: Rows, per_mass: float, v: Bodies) -> None:
+def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
     """Apply the impulses that the rows carry."""
-    r, first, active = rows.field, rows.first, rows.active
+    r, first = rows.field, rows.first
     vx, vy, w = v.vx, v.vy, v.w
     for colour in range(ALONE):
-        for start in range(first[colour], first[colour + 1], CHUNK):
-            m = 0
-            for block in range(start, min(start + CHUNK, first[colour + 1])):
-                o = U(block) * BLOCK
-                some = 0
-                for i in range(LANES):
-                    some += 1 if (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) else 0
-                active[m] = block
-                m += 1 if some > 0 else 0
-            for j in range(m):
-                gather(rows, active[j], vx, vy, w)
-            for j in range(m):
-                o = U(active[j]) * BLOCK
-                for i in range(LANES):
-                    k = o + i
-                    push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
-            for j in range(m):
-                scatter(rows, active[j], vx, vy, w)
+        begin, end = first[colour], first[colour + 1]
+        if begin == end:
+            continue
+        give(crew, APPLY, begin, end, LEAST_BLOCKS)
+        mine, last = share(crew, 0, begin, end, LEAST_BLOCKS)
+        apply_blocks(rows, per_mass, v, mine, last)
+        collect(crew)
     for block in range(first[ALONE], first[COLOURS]):
         k = gather_row(rows, 8 * block, vx, vy, w)
         push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
         scatter_row(rows, 8 * block, vx, vy, w)
 
 
-@inline
-def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool) -> None:
-    """One pass over all blocks; ``change`` says by how much (m/s) each row did."""
-    r, single, first = rows.field, rows.single, rows.first
+@lane
+def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
+    """Solve these blocks of one colour; ``change`` says by how much (m/s) each row did."""
+    r, single = rows.field, rows.single
     vx, vy, w = v.vx, v.vy, v.w
+    for start in range(begin, last, CHUNK):
+        end = min(start + CHUNK, last)
+        for block in range(start, end):
+            gather(rows, block, vx, vy, w)
+        for block in range(start, end):
+            if single[block] == 0:
+                solve_pairs(r, block, per_mass)
+            else:
+                solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
+        for block in range(start, end):
+            scatter(rows, block, vx, vy, w)
+
+
+@inline
+def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew) -> None:
+    """One pass over all blocks."""
+    first = rows.first
     for q in range(COLOURS):
         colour = q if forward else COLOURS - 1 - q
+        begin, end = first[colour], first[colour + 1]
+        if begin == end:
+            continue
         if colour == ALONE:
-            for block in range(first[ALONE], first[COLOURS]):
+            for block in range(begin, end):
                 solve_row(rows, 8 * block, per_mass, v)
             continue
-        for start in range(first[colour], first[colour + 1], CHUNK):
-            end = min(start + CHUNK, first[colour + 1])
-            for block in range(start, end):
-                gather(rows, block, vx, vy, w)
-            for block in range(start, end):
-                if single[block] == 0:
-                    solve_pairs(r, block, per_mass)
-                else:
-                    solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
-            for block in range(start, end):
-                scatter(rows, block, vx, vy, w)
+        give(crew, SWEEP, begin, end, LEAST_BLOCKS)
+        mine, last = share(crew, 0, begin, end, LEAST_BLOCKS)
+        sweep_blocks(rows, per_mass, v, mine, last)
+        collect(crew)
 
 
 @lane
@@ -404,16 +444,26 @@ def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: 
 
 @inline
 def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
-                s: np.ndarray, v: Bodies) -> None:
-    """Solve the floor's impulse of every tile; ``change`` (m/s) says by how much it did."""
+                s: np.ndarray, v: Bodies, crew: Crew) -> None:
+    """Solve the floor's impulse of every tile."""
+    give(crew, FLOOR, 0, k.n, LEAST_TILES)
+    begin, end = share(crew, 0, 0, k.n, LEAST_TILES)
+    floor_tiles(floor, k, im, ii, c, s, v, begin, end)
+    collect(crew)
+
+
+@inline
+def floor_tiles(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
+                s: np.ndarray, v: Bodies, begin: int, end: int) -> None:
+    """Solve the floor's impulse of these tiles; ``change`` (m/s) says by how much it did."""
     bound, turn = floor.force * k.h, floor.torque * k.h
     mass, inertia = 1.0 / im, 1.0 / ii
     vx, vy, w, change = v.vx, v.vy, v.w, v.change
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    n = U(k.n)
+    first, last = U(begin), U(end)
     if floor.law == SEPARATE:
-        for i in range(n):
+        for i in range(first, last):
             px, py, pw, ux, uy, uw = separate(
                 startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
                 floort[i], im, ii, mass, inertia, bound, turn)
@@ -421,7 +471,7 @@ def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
     elif floor.law == COUPLED:
-        for i in range(n):
+        for i in range(first, last):
             px, py, pw, ux, uy, uw = coupled(
                 startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
                 floort[i], im, ii, mass, inertia, bound, turn)
@@ -429,7 +479,7 @@ def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
     else:
-        for i in range(n):
+        for i in range(first, last):
             px, py, pw, ux, uy, uw = exact(
                 startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
                 floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
@@ -548,7 +598,7 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, im: float, i
 
 @inline
 def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
-          s: np.ndarray, v: Bodies, tolerance: float) -> int:
+          s: np.ndarray, v: Bodies, tolerance: float, crew: Crew) -> int:
     """Gauss-Seidel passes until none changes a contact velocity by more than `tolerance`.
 
     The impulses that the rows carry must already have been applied.  Passes are over all blocks
@@ -556,7 +606,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     Returns the number of passes, or -1 - passes where the limit was reached first.
     """
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v)
+        sweep_floor(floor, k, im, ii, c, s, v, crew)
     if m == 0:
         return 0
     now, queued = rows.now, rows.queued
@@ -569,9 +619,9 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
         if whole:
             for j in range(size):
                 queued[now[j]] = 0
-            sweep_rows(rows, ii / im, v, p < 4 or p % 2 == 0)
+            sweep_rows(rows, ii / im, v, p < 4 or p % 2 == 0, crew)
             if floor.law != 0:
-                sweep_floor(floor, k, im, ii, c, s, v)
+                sweep_floor(floor, k, im, ii, c, s, v, crew)
             many, worst = changed(rows, little)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
@@ -586,7 +636,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     for j in range(size):
         queued[now[j]] = 0
     if floor.law != 0:  # last, so that what the floor holds is at rest exactly
-        sweep_floor(floor, k, im, ii, c, s, v)
+        sweep_floor(floor, k, im, ii, c, s, v, crew)
     return done
 
 
@@ -604,9 +654,24 @@ def scale_impulses(rows: Rows, scale: float) -> None:
             r[o + PT + i] *= scale
 
 
+@lane
+def work_on(k: Numbers, im: float, ii: float, v: Bodies, u: Bodies, begin: int,
+            end: int) -> None:
+    """The work that contacts do on each of these tiles, as the two terms of a parabola in their
+    scale (J), into both ``change``."""
+    vx, vy, w, ux, uy, uw = v.vx, v.vy, v.w, u.vx, u.vy, u.w
+    floorx, floory, floort, energy, power = v.floorx, v.floory, v.floort, v.change, u.change
+    for i in range(U(begin), U(end)):
+        gx, gy, gw = im * floorx[i], im * floory[i], ii * floort[i]
+        dx, dy, dw = vx[i] - gx - ux[i], vy[i] - gy - uy[i], w[i] - gw - uw[i]
+        energy[i] = 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
+        power[i] = (k.mass * (dx * (ux[i] + 0.5 * gx) + dy * (uy[i] + 0.5 * gy))
+                    + k.inertia * dw * (uw[i] + 0.5 * gw))
+
+
 @inline
 def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
-               s: np.ndarray, v: Bodies, u: Bodies) -> None:
+               s: np.ndarray, v: Bodies, u: Bodies, crew: Crew) -> None:
     """Scale the contact impulses down where, together, they would do work.
 
     A solved contact problem only takes energy from the velocities `u` that it began with; one
@@ -617,12 +682,10 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
     floorx, floory, floort = v.floorx, v.floory, v.floort
     n = U(k.n)
     energy, power = v.change, u.change
-    for i in range(n):
-        gx, gy, gw = im * floorx[i], im * floory[i], ii * floort[i]
-        dx, dy, dw = vx[i] - gx - ux[i], vy[i] - gy - uy[i], w[i] - gw - uw[i]
-        energy[i] = 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
-        power[i] = (k.mass * (dx * (ux[i] + 0.5 * gx) + dy * (uy[i] + 0.5 * gy))
-                    + k.inertia * dw * (uw[i] + 0.5 * gw))
+    give(crew, WORK, 0, k.n, LEAST_TILES)
+    begin, end = share(crew, 0, 0, k.n, LEAST_TILES)
+    work_on(k, im, ii, v, u, begin, end)
+    collect(crew)
     square, mixed = 0.0, 0.0
     for i in range(n):  # a loop of its own: sums are in order, and do not vectorise
         square += energy[i]
@@ -639,7 +702,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
     floort[:] = 0.0
     scale_impulses(rows, scale)
     if floor.law != 0:
-        sweep_floor(floor, k, im, ii, c, s, v)
+        sweep_floor(floor, k, im, ii, c, s, v, crew)
 
 
 @inline
@@ -702,20 +765,15 @@ def part_row(rows: Rows, q: int, k: Numbers, per_mass: float, v: Bodies, shift: 
     return True
 
 
-@inline
-def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
-            x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
-    """Move deeply overlapping tiles apart; returns whether there were any.
+@lane
+def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
+    """Mark the rows of these blocks that will overlap by more than the slop after a substep, in
+    ``hit``, and count them in ``hits``.
 
-    The velocity solve does not push apart what overlaps, so that it never adds energy; a
-    solved scene does not need this.  Rows one by one, from the deep ones on to those of the
-    tiles that they move; what is left after some passes is there again in the next substep.
+    With the velocities of each row when it was last solved, which is near enough to choose.
     """
-    r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
-    # With the velocities of each row when it was last solved, which is near enough to choose.
-    low = -SLOP * k.width
-    size = 0
-    for block in range(first[COLOURS]):
+    r, hits, low = rows.field, rows.hits, -SLOP * k.width
+    for block in range(begin, last):
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
@@ -727,8 +785,28 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
             near = ((g0 < low) & (count > 0.5)) | ((g1 < low) & (count > 1.5))
             r[at + HIT] = 1.0 if near else 0.0
             some += 1 if near else 0
-        if some == 0:
+        hits[block] = some
+
+
+@inline
+def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
+            x: np.ndarray, y: np.ndarray, angle: np.ndarray, crew: Crew) -> bool:
+    """Move deeply overlapping tiles apart; returns whether there were any.
+
+    The velocity solve does not push apart what overlaps, so that it never adds energy; a
+    solved scene does not need this.  Rows one by one, from the deep ones on to those of the
+    tiles that they move; what is left after some passes is there again in the next substep.
+    """
+    r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
+    give(crew, DEEP, 0, first[COLOURS], LEAST_BLOCKS)
+    begin, last = share(crew, 0, 0, first[COLOURS], LEAST_BLOCKS)
+    find_deep(rows, k, begin, last)
+    collect(crew)
+    size = 0
+    for block in range(first[COLOURS]):
+        if rows.hits[block] == 0:
             continue
+        o = U(block) * BLOCK
         for i in range(LANES):
             if r[o + HIT + i] != 0.0:
                 now[size] = 8 * block + int(i)

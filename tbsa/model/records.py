@@ -402,7 +402,7 @@ def interrupts() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
-def run(scene: Scene, folder: str | Path, *, resume: bool = False,
+def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int = 1,
         progress: Callable[[Simulation, bool], object] | None = None) -> Outcome:
     """Run a scene into a folder, to its duration or to Ctrl-C.
 
@@ -414,6 +414,8 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
         The run's folder; it is made.  It must be new or empty, unless `resume`.
     resume
         Go on from the folder's checkpoint, to the same bits as without the break.
+    threads
+        As of :class:`~tbsa.model.simulation.Simulation`; to the same bits.
     progress
         Called every quarter of a second or so, with the simulation and whether a record has
         just been written.  A true answer saves and ends the run, as Ctrl-C does.
@@ -432,7 +434,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
     if not resume:
         _check_new(folder, tile_count(scene))
-        simulation = Simulation(scene)
+        simulation = Simulation(scene, threads=threads)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -446,7 +448,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False,
                     f"was written for another scene or seed: this one has {mark[:12]}",
                     file=str(folder / "run.json"), field="fingerprint",
                     value=info["fingerprint"][:12])
-            simulation = Simulation(scene, _read_layout(folder, scene))
+            simulation = Simulation(scene, _read_layout(folder, scene), threads=threads)
             load_checkpoint(folder / "checkpoint.npz", simulation, mark)
             earlier = info["wall"]
         else:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import inspect
 import math
+import os
 import re
 import sys
+import threading
 import types
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -18,9 +20,10 @@ from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels import drives
 from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
+from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
 from tbsa.kernels.impacts import empty_scratch
-from tbsa.kernels.jit import columns
+from tbsa.kernels.jit import columns, config
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
@@ -56,6 +59,13 @@ def floor_limits(scene: Scene) -> tuple[float, float]:
     return force, floor.angular * weight * TORQUE * body.width
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class Simulation:
     """One run of a scene.
 
@@ -65,6 +75,9 @@ class Simulation:
         A validated scene.
     layout
         Where the tiles start; by default that of the scene and its seed of random numbers.
+    threads
+        Threads that share the work, which pays from some thousands of tiles on; no more than
+        there are cores.  They do not change a bit of what comes out.
 
     Attributes
     ----------
@@ -86,7 +99,10 @@ class Simulation:
     run is cut into calls.
     """
 
-    def __init__(self, scene: Scene, layout: Layout | None = None) -> None:
+    def __init__(self, scene: Scene, layout: Layout | None = None, *, threads: int = 1) -> None:
+        if threads < 1:
+            raise InputError("must be at least 1", field="threads", value=threads)
+        self._threads = 1 if config.DISABLE_JIT else threads  # interpreted ones go by turns
         self.scene = scene
         self.layout = layout = initial_layout(scene) if layout is None else layout
         n = layout.x.size
@@ -160,8 +176,31 @@ class Simulation:
             empty_pairs(n, pairs), rows, empty_bodies(n), empty_bodies(n),
             empty_scratch(n, rows.active.size), *scratch,
             empty_magnet_pairs(n, pairs if magnetic else 0,
-                               self._capacity[core.MORE_MAGNETS] if magnetic else 0),
+                               self._capacity[core.MORE_MAGNETS] if magnetic else 0,
+                               self._threads),
+            empty_crew(self._threads),
         ])
+
+    @contextlib.contextmanager
+    def _helped(self) -> Iterator[None]:
+        """With further threads at hand for `advance`, if there are to be any."""
+        crew, loads = self._work.crew, (self.state, self.tiles, self.numbers, self.magnets,
+                                        self.floor, self._work)
+        helpers: list[threading.Thread] = []
+        if self._threads > 1:
+            core.dismiss(crew)
+            core.help_out(1, int(crew.job[0]) - 1, *loads)  # leaves at once: it is compiled now
+        job = int(crew.job[0])
+        try:
+            for me in range(1, self._threads):
+                helpers.append(threading.Thread(target=core.help_out, args=(me, job, *loads)))
+                helpers[-1].start()
+            yield
+        finally:
+            if helpers:
+                core.dismiss(crew)
+            for helper in helpers:
+                helper.join()
 
     @property
     def time(self) -> float:
@@ -209,7 +248,7 @@ class Simulation:
         """
         left = steps
         while left > 0:
-            with _raised() as raised:
+            with _raised() as raised, self._helped():
                 error, done = core.advance(
                     self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
                     self.parameters, self._work, self.counts, self.steps, left, self._reach,
@@ -265,8 +304,8 @@ class Simulation:
                               np.zeros(n)) > self._work.pairs.other.size:
                 self._grow(core.MORE_PAIRS)
             while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
-                                self.angle, self._work.magnets, fx, fy,
-                                torque) > self._work.magnets.p.size:
+                                self.angle, self._work.magnets, fx, fy, torque,
+                                empty_crew(1)) > self._work.magnets.p.size:
                 self._grow(core.MORE_MAGNETS)
                 build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
                             np.zeros(n))

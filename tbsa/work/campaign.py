@@ -53,7 +53,7 @@ from tbsa.errors import InputError
 from tbsa.model.layout import initial_layout
 from tbsa.model.records import Busy, Stop, interrupts, locked, read_run, run, write_atomically
 from tbsa.model.scene import Run, Scene
-from tbsa.model.simulation import Simulation, SimulationError
+from tbsa.model.simulation import Simulation, SimulationError, cores
 from tbsa.work.plan import Planned, read_plan
 
 if TYPE_CHECKING:
@@ -517,7 +517,7 @@ def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None
         while todo and not stop.asked:
             before = len(todo)
             try:
-                with _pool(executor, min(jobs or _cores(), len(todo))) as workers:
+                with _pool(executor, min(jobs or cores(), len(todo))) as workers:
                     _hand_out(workers, todo, ended, session, stop, bar, tables)
                 break
             except BrokenExecutor as error:
@@ -592,12 +592,6 @@ def _deaf() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class _Bar:

@@ -80,6 +80,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
                      help="a field of the scene, such as drive.force=0.06; may be repeated")
     run.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
+    run.add_argument("--threads", type=int, default=1, metavar="N",
+                     help="threads that share the work, for some thousands of tiles and more; "
+                          "same bits (default: 1)")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.add_argument("--report", action="store_true",
                      help="end with a table of what was computed and what was left out")
@@ -180,7 +183,11 @@ def _parser() -> argparse.ArgumentParser:
 def _run(arguments: argparse.Namespace) -> int:
     from tbsa.model.records import run
     from tbsa.model.scene import load, of_run
+    from tbsa.model.simulation import cores
 
+    if not 1 <= arguments.threads <= cores():
+        raise InputError(f"must be from 1 to {cores()}, the cores that there are",
+                         field="--threads", value=arguments.threads)
     if arguments.settings:
         from tbsa.work.plan import changed
 
@@ -193,7 +200,8 @@ def _run(arguments: argparse.Namespace) -> int:
                         "--resume"])
     try:
         with Bar(scene, arguments.quiet) as bar:
-            outcome = run(scene, folder, resume=arguments.resume, progress=bar.show)
+            outcome = run(scene, folder, resume=arguments.resume, threads=arguments.threads,
+                          progress=bar.show)
     except KeyboardInterrupt:
         if (folder / "run.json").exists():
             print(f"broken off; go on from the last checkpoint with\n  {again}", file=sys.stderr)
@@ -451,7 +459,7 @@ def _warmup(arguments: argparse.Namespace) -> int:
     for drive in (None, Drive("constant", (0.0, 0.0)), Drive("shaking", 0.1, 0.0, 1.0),
                   Drive("unicycle", 0.1, 0.0, 1.0)):
         simulation = Simulation(Scene(SETS["chessboard"], free=Free((), tiles), magnet=Magnet(),
-                                      drive=drive))
+                                      drive=drive), threads=2)
         simulation.advance(1)
     simulation.magnet_forces()
     new = [name for name, there in KERNELS.items() if not there]

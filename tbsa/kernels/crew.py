@@ -1,0 +1,133 @@
+"""Several threads at one scene, to the bits of one.
+
+One thread goes through a step, as if alone; the loops that take long are over ranges, of tiles, of
+magnet pairs, or of blocks of rows that have no tile in common.  For such a loop it tells the others
+what is next (`give`), does its own share of the range, and waits for theirs (`collect`).  No two of
+them write to one place, and what one of them finds (a sum of whole numbers, a largest value) does
+not depend on who looked for it.  They wait without sleeping: a loop goes to the others and back
+within a microsecond.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+
+from tbsa.kernels.jit import inline, lane
+
+# What is to be done; see `help_out` in `advance.py`.
+(LEAVE, LIST, AHEAD, PULL, REACT, TOTAL, ROWS, BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR,
+ WORK, BACK, END, DEEP) = range(17)
+
+# Ranges shorter than this are not worth the way to another thread: 0.3 us there and back.
+LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = 1024, 48, 1024, 8192
+LINE = 8  # numbers of a cache line: what two threads write is this far apart
+PATIENCE = 4096  # looks at a number, before another process may have the core
+
+
+class Crew(NamedTuple):
+    """What the threads of a scene tell each other."""
+
+    size: int  # threads, 1: nobody is there to be told
+    job: np.ndarray  # int64[1], number of the job that was given out last
+    done: np.ndarray  # int64[size * LINE], number of the job that each has done, or 0 has given
+    what: np.ndarray  # int64[3], what it is, and its range
+    numbers: np.ndarray  # float64[4], of this substep: length, look-ahead (s), damping factors
+    found: np.ndarray  # int64[size * LINE], what each has found: points that hit, rows, pairs
+    deepest: np.ndarray  # float64[size * LINE], m, overlap, likewise
+
+
+def empty_crew(size: int) -> Crew:
+    """A crew of so many threads, without a job."""
+    lines = size * LINE
+    return Crew(size, np.zeros(1, np.int64), np.zeros(lines, np.int64), np.zeros(3, np.int64),
+                np.zeros(4), np.zeros(lines, np.int64), np.zeros(lines))
+
+
+@intrinsic
+def _acquire(_: Any, array: Any, index: Any) -> Any:
+    """A number that another thread may have written, and what it wrote before (acquire)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.load_atomic(builder.gep(data, [arguments[1]]), "acquire", 8)
+
+    return types.int64(array, index), generate
+
+
+@intrinsic
+def _release(_: Any, array: Any, index: Any, value: Any) -> Any:
+    """Write a number for other threads, after all that was written before (release)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        builder.store_atomic(arguments[2], builder.gep(data, [arguments[1]]), "release", 8)
+        return context.get_dummy_value()
+
+    return types.none(array, index, types.int64), generate
+
+
+# Their first argument is the compiler's.  Where there is no such call a thread goes on looking.
+load: Any = _acquire
+store: Any = _release
+_yield: Any = types.ExternalFunction("sched_yield", types.intc())
+YIELDS = hasattr(os, "sched_yield")
+
+
+@inline
+def wait_for(numbers: np.ndarray, index: int, value: int) -> None:
+    """Wait until another thread has written this value, or a later one."""
+    looks = 0
+    while load(numbers, index) < value:
+        looks += 1
+        if YIELDS and looks > PATIENCE:
+            _yield()
+
+
+@lane
+def give(crew: Crew, what: int, first: int, last: int, least: int) -> None:
+    """Tell the others to do their shares of a range, unless it is shorter than `least`."""
+    if crew.size == 1 or last - first < least:
+        return
+    crew.what[0], crew.what[1], crew.what[2] = what, first, last
+    crew.done[0] = crew.job[0] + 1
+    count(crew)
+
+
+@inline
+def count(crew: Crew) -> None:
+    """One job more, with all that was written for it."""
+    store(crew.job, 0, crew.job[0] + 1)
+
+
+@inline
+def report(crew: Crew, me: int, job: int) -> None:
+    """Say that a thread has done its share of a job."""
+    store(crew.done, me * LINE, job)
+
+
+@lane
+def tell(crew: Crew, h: float, ahead: float, slow: float, slow_spin: float) -> None:
+    """The numbers of a substep, for its jobs."""
+    numbers = crew.numbers
+    numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead, slow, slow_spin
+
+
+@lane
+def share(crew: Crew, me: int, first: int, last: int, least: int) -> Any:
+    """First and last of a thread's share of a range, by whole cache lines; thread 0 has told."""
+    if crew.size == 1 or last - first < least:
+        return (first, last) if me == 0 else (last, last)
+    each = (last - first) // crew.size // LINE * LINE
+    return first + me * each, last if me == crew.size - 1 else first + (me + 1) * each
+
+
+@lane
+def collect(crew: Crew) -> None:
+    """Wait until the others have done their shares of what was given last."""
+    for other in range(1, crew.size):
+        wait_for(crew.done, other * LINE, crew.done[0])
