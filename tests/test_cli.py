@@ -363,6 +363,8 @@ def test_a_scene_that_is_no_file_is_refused(here, capsys):
     (["--duration", "nan"], "run.duration: nan must be"),
     (["--duration", "inf"], "run.duration: inf must be"),
     (["--seed", "-1"], "run.seed: -1 must be an integer from 0"),
+    (["--threads", "0"], "--threads: 0 must be from 1 to "),
+    (["--threads", "100000"], "--threads: 100000 must be from 1 to "),
     (["--seed", str(2**63)], "run.seed: 9223372036854775808 must be"),
     (["--out", "scene.toml"], "scene.toml: is a file, not a folder"),
     (["--out", "scene.toml/run"], "must be a folder that can be made: Not a directory"),

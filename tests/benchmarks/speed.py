@@ -26,14 +26,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import multiprocessing
 import os
+import pickle
+import re
 import resource
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -41,7 +46,7 @@ from typing import Any
 import numpy as np
 
 import tbsa
-from tbsa.model.layout import Layout, initial_layout
+from tbsa.model.layout import Layout
 from tbsa.model.records import write_atomically
 from tbsa.model.scene import Free, PlacedTile, Scene, Solver, fingerprint, load
 from tbsa.model.simulation import Simulation
@@ -54,8 +59,21 @@ SIZES = (550, 2200, 8800, 35200, 100_000)
 PEER_STEP = 1 / 240  # s
 SPLIT = 0.05  # s of simulated time, so short that a scene without a part is still the same scene
 REPEATS = 7
-PARTS = ("start", "paper", "peers", "without", "sizes")
+TURNS = 8  # of two kernels: the machine may be slower for half a minute
+PARTS = ("start", "paper", "peers", "without", "deleted", "sizes", "threads")
 ABSENT = {"magnets": "magnet", "wall": "reactor", "floor": "floor", "drive": "drive"}
+# What has to be written otherwise in the kernels so that a part of a scene is gone from them: the
+# compiler then leaves out all that comes after.
+DELETED = {
+    "magnets": {"advance.py": [(r"magnets\.cutoff > 0\.0 and reach > 0\.0", "False"),
+                               (r"law\.cutoff > 0\.0", "False")]},
+    "wall": {"advance.py": [(r"k\.wall == CIRCLE", "False"), (r"k\.wall != 0", "False"),
+                            (r"k\.wall, k\.wall_x, k\.wall_y(?!\))", "0, 0.0, 0.0")],
+             "contacts.py": [(r"if wall == 0 or", "if True or"), (r"if end <= pairs:", "if True:")],
+             "impacts.py": [(r"k\.wall, k\.wall_x, k\.wall_y", "0, 0.0, 0.0")]},
+    "floor": {"advance.py": [(r"floor\.law", "0")], "solver.py": [(r"floor\.law", "0")]},
+    "drive": {"advance.py": [(r"\n    drive\(t, [^)]*\)", "")]},
+}
 Row = dict[str, Any]
 
 # Figure: target and ambition; ratios are at least, times and sizes at most.
@@ -262,33 +280,115 @@ def without_rows(arguments: argparse.Namespace) -> list[Row]:
     return rows
 
 
+def deleted_rows(arguments: argparse.Namespace) -> list[Row]:
+    """CPU time of a step of scenes that lack a part, by the kernels and by kernels from which that
+    part has been deleted: each in processes of its own, by turns."""
+    rows, root = [], Path(tbsa.__file__).parent
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for part, field in ABSENT.items():
+            cases = folder / part
+            cases.mkdir()
+            for scene_name, scene, layout in both(arguments):
+                for setting, switches, with_it in settings(scene):
+                    if switches == "on":
+                        less = replace(with_it, **{field: None})
+                        (cases / f"{scene_name} {setting}").write_bytes(
+                            pickle.dumps((less, layout)))
+            costs: dict[str, dict[str, list[float]]] = {}
+            for kernels in ("whole", "deleted"):
+                shutil.copytree(root, folder / f"{part} {kernels}" / "tbsa")
+            for file, changes in DELETED[part].items():
+                path = folder / f"{part} deleted" / "tbsa" / "kernels" / file
+                text = path.read_text()
+                for pattern, instead in changes:
+                    text, times = re.subn(pattern, instead, text)
+                    assert times > 0, f"{file} has no {pattern}"
+                path.write_text(text)
+            for _ in range(TURNS):
+                for kernels in ("whole", "deleted"):
+                    # Not the folder that Python is started in: that has the package, too.
+                    where = [str(folder / f"{part} {kernels}"), str(root.parent)]
+                    done = subprocess.run(
+                        [sys.executable, "-P", "-c", "from tests.benchmarks import speed; import "
+                         "sys; speed.clock_cases(sys.argv[1], float(sys.argv[2]))", str(cases),
+                         str(arguments.evolve)], check=True, capture_output=True, text=True,
+                        env=os.environ | {"PYTHONPATH": os.pathsep.join(where),
+                                          "TBSA_CACHE_DIR": str(folder / "cache")})
+                    for case, found in json.loads(done.stdout).items():
+                        costs.setdefault(case, {}).setdefault(kernels, []).extend(found)
+            for case, both_costs in costs.items():
+                scene_name, setting = case.split()
+                rows += [{"part": "deleted", "scene": scene_name, "setting": setting,
+                          "without": part, "kernels": kernels, "least": min(found),
+                          "median": statistics.median(found)}
+                         for kernels, found in both_costs.items()]
+    return rows
+
+
+def clock_cases(folder: str, begun: float) -> None:
+    """Print the CPU time (s) of a step of every scene and layout in a folder, a few times."""
+    costs = {}
+    for path in sorted(Path(folder).iterdir()):
+        (scene, layout), found = pickle.loads(path.read_bytes()), []
+        for _ in range(REPEATS):
+            s = start(scene, layout, begun)
+            s.advance(2)  # lists and impulses are there
+            steps = max(round(SPLIT / s.h), 1)
+            found.append(clock(s, steps) / steps)
+        costs[path.name] = found
+    print(json.dumps(costs))
+
+
 def sizes_rows(arguments: argparse.Namespace) -> list[Row]:
     """CPU time per tile and substep, and memory, over the number of tiles; shaken."""
     rows = []
     base = load(PAPER / SCENES["shaking"])
     for tiles in sorted(arguments.sizes):
         scene = sized(base, tiles)
-        cases = list(settings(scene))
-        s = Simulation(cases[0][2], initial_layout(scene))
-        s.run(arguments.settle)
-        layout = layout_of(s)
-        del s
-        for setting, switches, with_it in cases:
-            s = start(with_it, layout, arguments.settle)
-            steps = max(round(arguments.span / s.h), 1)
-            total = layout.x.size
-            work = steps * with_it.solver.substeps * total
+        layout = evolved(scene, arguments.settle, arguments.cache)
+        for setting, switches, with_it in settings(scene):
+            # In a process of its own, so that its peak of memory is its own.
+            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
+                found = alone.submit(size_row, with_it, layout, arguments).result()
+            rows.append({"part": "sizes", "tiles": tiles, "setting": setting, "skips": switches,
+                         "settled": arguments.settle, "span": arguments.span, **found})
+    return rows
 
-            def window(s: Simulation = s, steps: int = steps, work: int = work) -> float:
-                return clock(s, steps) / work
 
-            found = windows_of(window, arguments.windows)
-            rows.append({
-                "part": "sizes", "tiles": tiles, "total": total, "setting": setting,
-                "skips": switches, **found, "settled": arguments.settle, "span": arguments.span,
-                "bytes": array_bytes(s) / total,
-                # Of the process so far: sizes go up, so that it is that of this one.
-                "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024})
+def size_row(scene: Scene, layout: Layout, arguments: argparse.Namespace) -> Row:
+    """Cost of a tile and substep (s), and memory (bytes), of a process that does nothing else."""
+    s, total = start(scene, layout, arguments.settle), layout.x.size
+    steps = max(round(arguments.span / s.h), 1)
+    work = steps * scene.solver.substeps * total
+    found = windows_of(lambda: clock(s, steps) / work, arguments.windows)
+    return {**found, "total": total, "bytes": array_bytes(s) / total,
+            "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}
+
+
+def threads_rows(arguments: argparse.Namespace) -> list[Row]:
+    """Wall time of a step of the largest size by one thread and by two, by turns; same bits."""
+    rows, tiles = [], max(arguments.sizes)
+    scene = sized(load(PAPER / SCENES["shaking"]), tiles)
+    layout = evolved(scene, arguments.settle, arguments.cache)
+    for setting, switches, with_it in settings(scene):
+        if switches != "on":
+            continue
+        runs = [Simulation(with_it, layout, threads=threads) for threads in (1, 2)]
+        costs: list[list[float]] = [[], []]
+        steps = max(round(arguments.span / runs[0].h), 1)
+        for s in runs:
+            s.steps = round(arguments.settle / s.h)
+        for _ in range(arguments.windows + 1):  # the first does not count
+            for s, found in zip(runs, costs, strict=True):
+                begin = time.perf_counter()
+                s.advance(steps)
+                found.append((time.perf_counter() - begin) / steps)
+        for one, two in zip(runs[0].state[:-1], runs[1].state[:-1], strict=True):
+            assert (one == two).all()
+        rows += [{"part": "threads", "tiles": tiles, "setting": setting, "threads": threads,
+                  "median": statistics.median(found[1:]), "least": min(found[1:])}
+                 for threads, found in zip((1, 2), costs, strict=True)]
     return rows
 
 
@@ -364,6 +464,16 @@ def ratios(rows: Sequence[Row]) -> list[Row]:
         if len(costs) == len(SCENES):
             add("72 runs of 3600 s, 2 processes (min)", setting,
                 sum(costs) * 36 * 3600.0 / 2 / 60.0, *CAMPAIGN[setting], True)
+    for part in ABSENT:
+        for whole in of(rows, part="deleted", without=part, kernels="whole"):
+            key = {name: whole[name] for name in ("scene", "setting", "without")}
+            for deleted in of(rows, part="deleted", kernels="deleted", **key):
+                add(f"{whole['scene']} without {part}, against kernels without",
+                    whole["setting"], whole["least"] / deleted["least"], 1.03, 1.0, True)
+    for one in of(rows, part="threads", threads=1):
+        for two in of(rows, part="threads", threads=2, setting=one["setting"]):
+            add(f"{one['tiles']} tiles, two threads against one", one["setting"],
+                one["median"] / two["median"], 1.5, 1.8, False)
     for what, name, target, ambition in (("cold", "cold compile (s)", 25.0, 12.0),
                                          ("cached", "cached start to first step (s)", 1.0, 0.5)):
         for row in of(rows, part="start", what=what):
@@ -455,7 +565,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     rows = saved(arguments.out)
     if not arguments.saved:
         measure = {"start": start_rows, "paper": paper_rows, "peers": peers_rows,
-                   "without": without_rows, "sizes": sizes_rows}
+                   "without": without_rows, "deleted": deleted_rows, "sizes": sizes_rows,
+                   "threads": threads_rows}
         Simulation(load(PAPER / SCENES["shaking"])).advance(1)  # compiled before anything is timed
         for part in arguments.parts:
             begin = time.perf_counter()
