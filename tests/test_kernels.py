@@ -60,7 +60,8 @@ def listed(x, y, mobile, reach, margin, capacity=4096):
     n = len(x)
     pairs = empty_pairs(n, capacity)
     found = build_pairs(pairs, n, np.array(x, float), np.array(y, float),
-                        np.array(mobile, float), reach, np.broadcast_to(margin, n).copy())
+                        np.array(mobile, float), reach, np.broadcast_to(margin, n).copy(),
+                        empty_crew(1))
     if found < 0 or found > capacity:
         return None, found, pairs
     return [(a, int(b)) for a in range(n)
@@ -156,7 +157,7 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
     marked = np.append((rng.random(n) < 0.3) & (mobile[:n] > 0.0), False).astype(np.int64)
     longer = np.where(marked[:n] > 0, rng.uniform(0.0, 0.08, n), 0.0)
     pairs, rows = empty_pairs(n, 4096), empty_rows(n, 4096)
-    build_pairs(pairs, n, old_x, old_y, mobile, 0.0425, np.full(n, 0.04))
+    build_pairs(pairs, n, old_x, old_y, mobile, 0.0425, np.full(n, 0.04), ALONE_CREW)
     widest = float((np.hypot(x - old_x, y - old_y) + way + longer).max())
     c, s = np.append(np.cos(angle), 1.0), np.append(np.sin(angle), 0.0)
     m, added = find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way,
@@ -186,7 +187,7 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
 def test_rows_that_do_not_fit_are_not_added():
     pairs, rows, n = empty_pairs(30, 4096), empty_rows(30, 40), 30
     x, y, zero = np.repeat(np.arange(6) * 0.031, 5), np.tile(np.arange(5) * 0.031, 6), np.zeros(30)
-    build_pairs(pairs, n, x, y, np.ones(n + 1), 0.0425, np.full(n, 0.04))
+    build_pairs(pairs, n, x, y, np.ones(n + 1), 0.0425, np.full(n, 0.04), ALONE_CREW)
     marked, c, s = np.ones(n + 1, np.int64), np.ones(n + 1), np.zeros(n + 1)
     assert find_then_add(rows, pairs, n, 0, 0.0, x, y, zero, c, s, np.ones(n + 1), marked, zero,
                          zero, zero + 0.2, zero + 0.2, 0.2, ALONE_CREW) == (0, -1)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from figures import speed as drawn
 from figures import style
+from tbsa.kernels import jit
 from tbsa.model.layout import initial_layout
 from tbsa.model.scene import load
 from tbsa.model.simulation import Simulation
@@ -48,6 +51,11 @@ ROWS = [
     *({"part": "without", "scene": "unicycle", "setting": "fixed", "skips": "on",
        "without": part, "median": cost, "least": cost} for part, cost in
       {"nothing": 1e-4, "magnets": 6e-5, "wall": 9.5e-5, "floor": 9e-5, "drive": 1e-4}.items()),
+    *({"part": "deleted", "scene": "unicycle", "setting": "fixed", "without": "wall",
+       "kernels": kernels, "least": cost, "median": 9.0} for kernels, cost in
+      {"whole": 1.02e-4, "deleted": 1e-4}.items()),
+    *({"part": "threads", "tiles": 100_000, "setting": "fixed", "threads": threads, "least": 9.0,
+       "median": cost} for threads, cost in {1: 0.6, 2: 0.5}.items()),
     size(550, 1e-7, 1e8), size(550, 5e-8, 1e8, "off"), size(35200, 1e-7, 3e8),
     size(35200, 6e-8, 3e8, "off"), size(100_000, 2e-7, 9e8),
 ]
@@ -76,8 +84,25 @@ def test_ratios_and_targets():
     assert minutes["value"] == pytest.approx(36 * 60 * (0.004 + 0.016) / 2)
     assert minutes["reached"]
     assert ("72 runs of 3600 s, 2 processes (min)", "recommended") not in found
+    lean = found["unicycle without wall, against kernels without", "fixed"]
+    assert lean["value"] == pytest.approx(1.02)
+    assert (lean["target"], lean["reached"]) == (1.03, True)
+    two = found["100000 tiles, two threads against one", "fixed"]
+    assert two["value"] == pytest.approx(1.2)
+    assert (two["target"], two["reached"]) == (1.5, False)
     assert found["cold compile (s)", ""]["reached"]
     assert not found["cached start to first step (s)", ""]["reached"]
+
+
+@pytest.mark.parametrize("part", speed.ABSENT)
+def test_what_is_deleted_from_the_kernels_is_in_them(part):
+    folder = Path(jit.__file__).parent
+    for file, changes in speed.DELETED[part].items():
+        text = (folder / file).read_text()
+        for pattern, instead in changes:
+            text, times = re.subn(pattern, instead, text)
+            assert times > 0
+        compile(text, file, "exec")
 
 
 def test_what_each_part_costs():

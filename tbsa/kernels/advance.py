@@ -68,11 +68,13 @@ from tbsa.kernels.crew import (
     LEAVE,
     LINE,
     LIST,
+    PAIRS,
     PLACE,
     PULL,
     REACT,
     ROWS,
     SWEEP,
+    TALLY,
     TOTAL,
     WORK,
     Crew,
@@ -100,14 +102,16 @@ from tbsa.kernels.magnets import (
     pull,
     react,
 )
-from tbsa.kernels.neighbours import Pairs, build_pairs, stale
+from tbsa.kernels.neighbours import Pairs, build_pairs, pairs_from, place_of, stale
 from tbsa.kernels.solver import (
+    LITTLE,
     SLOP,
     Bodies,
     FloorLaw,
     Numbers,
     apply_blocks,
     apply_impulses,
+    changed,
     find_deep,
     floor_tiles,
     limit_work,
@@ -488,7 +492,7 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     for i in range(k.n):
         way = min(PAIR_STEPS * k.substeps * k.h * pace[i], PAIR_MOST * k.width)
         margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
-    found = build_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin)
+    found = build_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
     counts.lists[0] += 1
     if found < 0:
         return NOT_FINITE
@@ -775,7 +779,12 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         h, ahead_time, slow, slow_spin = (crew.numbers[0], crew.numbers[1], crew.numbers[2],
                                           crew.numbers[3])
         first, last = share(crew, me, crew.what[1], crew.what[2], 0)
-        if what == BEGIN:
+        if what == PAIRS:
+            crew.found[me * LINE] = pairs_from(
+                work.pairs, k.n, x, y, tiles.mobile, crew.numbers[0], work.margin,
+                crew.numbers[1], first, last, place_of(work.pairs.other.size, first, k.n),
+                place_of(work.pairs.other.size, last, k.n))
+        elif what == BEGIN:
             drift(first, last, 0.5 * h, v, x, y, angle)
             damp(first, last, slow, slow_spin, v)
             turn(first, last, angle, work.c, work.s)
@@ -790,6 +799,9 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             sweep_blocks(rows, ii / im, v, first, last)
         elif what == FLOOR:
             floor_tiles(floor, with_substep(k, h), im, ii, work.c, work.s, v, first, last)
+        elif what == TALLY:
+            crew.found[me * LINE], crew.deepest[me * LINE] = changed(
+                rows, LITTLE * with_substep(k, h).tolerance, first, last)
         elif what == WORK:
             work_on(k, im, ii, v, work.shift, first, last)
         elif what == BACK:

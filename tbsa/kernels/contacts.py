@@ -21,7 +21,7 @@ import numpy as np
 from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
 from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
 from tbsa.kernels.jit import U, columns, copy, inline, lane
-from tbsa.kernels.neighbours import Pairs, first_of, near_place
+from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
 CIRCLE, RECTANGLE = 1, 2
 
@@ -185,13 +185,6 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
             close_up(rows.new_corner, at, m, more)
             m += more
     return m, m != rows.size[0] or not same_rows(rows, m), overlap
-
-
-@inline
-def close_up(numbers: np.ndarray, begin: int, to: int, n: int) -> None:
-    """Move n numbers to a place before them."""
-    for i in range(U(n)):
-        numbers[U(to) + i] = numbers[U(begin) + i]
 
 
 @inline

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.jit import U, copy, inline, kernel
+from tbsa.kernels.crew import LEAST_TILES, LINE, PAIRS, Crew, collect, give, share
+from tbsa.kernels.jit import U, copy, inline, kernel, lane
 
 
 class Pairs(NamedTuple):
@@ -52,13 +53,14 @@ def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -
 
 @kernel
 def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
-                reach: float, margin: np.ndarray) -> int:
+                reach: float, margin: np.ndarray, crew: Crew) -> int:
     """List every pair nearer than the reach and both margins with at least one mobile tile.
 
     Returns the number of pairs found; where that exceeds the capacity the list is of no use and
     the caller grows it.  -1: a position is not finite.
     """
     start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
+    room = other.size
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
     widest = 0.0
     for i in range(n):
@@ -85,8 +87,57 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
         inside[first[at + 1]] = i
         first[at + 1] += 1
 
-    found, room = 0, other.size
-    for a in range(n):
+    crew.numbers[0], crew.numbers[1] = reach, widest
+    give(crew, PAIRS, 0, n, LEAST_TILES)
+    _, end = share(crew, 0, 0, n, LEAST_TILES)
+    threads = crew.size if end < n else 1
+    found: Any = pairs_from(pairs, n, x, y, mobile, reach, margin, widest, 0, end, 0,
+                            place_of(room, end, n))
+    collect(crew)
+    fits = found <= place_of(room, end, n)
+    for helper in range(1, threads):
+        a, end = share(crew, helper, 0, n, 0)
+        at, more = place_of(room, a, n), crew.found[helper * LINE]
+        fits = fits and more <= place_of(room, end, n) - at
+        if fits:
+            close_up(other, at, found, more)
+            for i in range(U(a), U(end)):
+                start[i] += found - at
+        found += more
+    start[n] = found
+    if not fits:
+        pairs.margin[:] = -1.0
+        return int(max(found, room + 1))
+    copy(margin, pairs.margin, n)
+    copy(x, pairs.x, n)
+    copy(y, pairs.y, n)
+    return int(found)
+
+
+@inline
+def close_up(numbers: np.ndarray, begin: int, to: int, n: int) -> None:
+    """Move n numbers to a place before them."""
+    for i in range(U(n)):
+        numbers[U(to) + i] = numbers[U(begin) + i]
+
+
+@lane
+def place_of(room: int, tile: int, n: int) -> int:
+    """Where the pairs of a tile may begin if the tiles before it are another thread's: all tiles of
+    a large crowd have about as many, as they are numbered along a curve (`model/layout.py`)."""
+    return room * tile // n
+
+
+@lane
+def pairs_from(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
+               reach: float, margin: np.ndarray, widest: float, begin: int, last: int, at: int,
+               room: int) -> int:
+    """List the pairs of these tiles from place `at` to `room`; returns how many they are."""
+    start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
+    x0, y0, cell = pairs.corner[0], pairs.corner[1], pairs.corner[2]
+    nx, ny = pairs.cells[0], pairs.cells[1]
+    found = at
+    for a in range(begin, last):
         start[a] = found
         xa, ya, held, far = x[a], y[a], mobile[a] == 0.0, reach + margin[a]
         left = int(max(xa - x0 - far - widest, 0.0) / cell)
@@ -107,14 +158,7 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
                 other[j] = other[j - 1]
                 j -= 1
             other[j] = b
-    start[n] = found
-    if found > other.size:
-        pairs.margin[:] = -1.0
-        return found
-    copy(margin, pairs.margin, n)
-    copy(x, pairs.x, n)
-    copy(y, pairs.y, n)
-    return found
+    return found - at
 
 
 @inline

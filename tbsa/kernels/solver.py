@@ -71,7 +71,9 @@ from tbsa.kernels.crew import (
     FLOOR,
     LEAST_BLOCKS,
     LEAST_TILES,
+    LINE,
     SWEEP,
+    TALLY,
     WORK,
     Crew,
     collect,
@@ -526,17 +528,34 @@ def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
     return m
 
 
-@inline
-def changed(rows: Rows, little: float) -> Any:
-    """After a pass over all rows, how many have changed by more than a little, and the largest
-    change (m/s)."""
-    r = rows.field
+@lane
+def changed(rows: Rows, little: float, begin: int, last: int) -> Any:
+    """After a pass over all rows, how many of these blocks have changed by more than a little,
+    noted for each in ``hits``, and the largest change (m/s)."""
+    r, hits = rows.field, rows.hits
     many, worst = 0, 0.0
-    for block in range(rows.first[COLOURS]):
+    for block in range(begin, last):
         o = U(block) * BLOCK
+        some = 0
         for i in range(LANES):
-            many += 1 if r[o + CHANGE + i] > little else 0
+            some += 1 if r[o + CHANGE + i] > little else 0
             worst = max(worst, r[o + CHANGE + i])
+        hits[block] = some
+        many += some
+    return many, worst
+
+
+@inline
+def count_changed(rows: Rows, little: float, crew: Crew) -> Any:
+    """The same of all rows."""
+    blocks = rows.first[COLOURS]
+    give(crew, TALLY, 0, blocks, LEAST_BLOCKS)
+    begin, last = share(crew, 0, 0, blocks, LEAST_BLOCKS)
+    many, worst = changed(rows, little, begin, last)
+    collect(crew)
+    for other in range(1, crew.size if last < blocks else 1):
+        many += crew.found[other * LINE]
+        worst = max(worst, crew.deepest[other * LINE])
     return many, worst
 
 
@@ -546,12 +565,9 @@ def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> i
     r, body, change = rows.field, rows.body, v.change
     m: Any = np.int64(0)
     for block in range(rows.first[COLOURS]):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        some = 0
-        for i in range(LANES):
-            some += 1 if r[o + CHANGE + i] > little else 0
-        if some == 0:
+        if rows.hits[block] == 0:
             continue
+        o, t = U(block) * BLOCK, U(block) * BODIES
         for i in range(LANES):
             if r[o + CHANGE + i] > little:
                 m = queue(rows, v, body[t + i], m)
@@ -622,7 +638,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
             sweep_rows(rows, ii / im, v, p < 4 or p % 2 == 0, crew)
             if floor.law != 0:
                 sweep_floor(floor, k, im, ii, c, s, v, crew)
-            many, worst = changed(rows, little)
+            many, worst = count_changed(rows, little, crew)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
         else:

@@ -285,6 +285,7 @@ class Simulation:
     def _grow(self, what: int) -> None:
         """Twice the space for what an error word of `advance` says there is not enough of."""
         self._capacity[what] *= 2
+        del self._work  # first, or both are there at a time
         self._work = self._space()
         if what != core.MORE_ROWS:
             return
@@ -300,15 +301,16 @@ class Simulation:
         n = self.numbers.n
         fx, fy, torque = np.zeros(n), np.zeros(n), np.zeros(n)
         if self.magnets.cutoff > 0.0 and n > 1:
+            alone = empty_crew(1)
             while build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
-                              np.zeros(n)) > self._work.pairs.other.size:
+                              np.zeros(n), alone) > self._work.pairs.other.size:
                 self._grow(core.MORE_PAIRS)
             while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
                                 self.angle, self._work.magnets, fx, fy, torque,
-                                empty_crew(1)) > self._work.magnets.p.size:
+                                alone) > self._work.magnets.p.size:
                 self._grow(core.MORE_MAGNETS)
                 build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
-                            np.zeros(n))
+                            np.zeros(n), alone)
         return fx, fy, torque
 
     def contact_forces(self) -> dict[str, NDArray[Any]]:

@@ -59,7 +59,7 @@ SIZES = (550, 2200, 8800, 35200, 100_000)
 PEER_STEP = 1 / 240  # s
 SPLIT = 0.05  # s of simulated time, so short that a scene without a part is still the same scene
 REPEATS = 7
-TURNS = 8  # of two kernels: the machine may be slower for half a minute
+TURNS = 6  # of two kernels: the machine may be slower for half a minute
 PARTS = ("start", "paper", "peers", "without", "deleted", "sizes", "threads")
 ABSENT = {"magnets": "magnet", "wall": "reactor", "floor": "floor", "drive": "drive"}
 # What has to be written otherwise in the kernels so that a part of a scene is gone from them: the
@@ -331,7 +331,7 @@ def clock_cases(folder: str, begun: float) -> None:
     costs = {}
     for path in sorted(Path(folder).iterdir()):
         (scene, layout), found = pickle.loads(path.read_bytes()), []
-        for _ in range(REPEATS):
+        for _ in range(REPEATS // 2):
             s = start(scene, layout, begun)
             s.advance(2)  # lists and impulses are there
             steps = max(round(SPLIT / s.h), 1)
@@ -348,7 +348,7 @@ def sizes_rows(arguments: argparse.Namespace) -> list[Row]:
         scene = sized(base, tiles)
         layout = evolved(scene, arguments.settle, arguments.cache)
         for setting, switches, with_it in settings(scene):
-            # In a process of its own, so that its peak of memory is its own.
+            # In a process of its own, for its peak of memory.
             with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
                 found = alone.submit(size_row, with_it, layout, arguments).result()
             rows.append({"part": "sizes", "tiles": tiles, "setting": setting, "skips": switches,
@@ -362,8 +362,17 @@ def size_row(scene: Scene, layout: Layout, arguments: argparse.Namespace) -> Row
     steps = max(round(arguments.span / s.h), 1)
     work = steps * scene.solver.substeps * total
     found = windows_of(lambda: clock(s, steps) / work, arguments.windows)
-    return {**found, "total": total, "bytes": array_bytes(s) / total,
-            "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}
+    return {**found, "total": total, "bytes": array_bytes(s) / total, "peak": peak_memory()}
+
+
+def peak_memory() -> int:
+    """Most memory (bytes) that this process has had at a time, without that of its parent, which
+    what the system counts as its own begins with."""
+    try:
+        status = Path("/proc/self/status").read_text()
+        return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) * 1024
+    except (OSError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def threads_rows(arguments: argparse.Namespace) -> list[Row]:
