@@ -79,11 +79,9 @@ from tbsa.kernels.crew import (
     WORK,
     Crew,
     collect,
-    count,
     give,
-    report,
     share,
-    tell,
+    store,
     wait_for,
 )
 from tbsa.kernels.floor import EXACT
@@ -297,8 +295,7 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v:
     moved = v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    give(crew, BACK, 0, k.n, LEAST_TILES)
-    begin, end = share(crew, 0, 0, k.n, LEAST_TILES)
+    begin, end = give(crew, BACK, 0, k.n, LEAST_TILES)
     some = find_stopped(im, ii, v, v0, begin, end)
     collect(crew)
     for other in range(1, crew.size if end < k.n else 1):
@@ -565,8 +562,7 @@ def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, dri
     midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
     vx, vy, w = v.vx, v.vy, v.w
     crew.numbers[0] = half
-    give(crew, AHEAD, 0, n, LEAST_TILES)
-    begin, end = share(crew, 0, 0, n, LEAST_TILES)
+    begin, end = give(crew, AHEAD, 0, n, LEAST_TILES)
     look_ahead(half, law, x, y, angle, work, begin, end)
     collect(crew)
     if law.cutoff > 0.0:
@@ -687,9 +683,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     slow_spin = math.exp(-0.5 * h * k.angular_damping)
                 counts.substeps[0] += 1
                 counts.joined[0] += max(ticks // TICKS - 1, 0)
-                tell(crew, h, ahead_time, slow, slow_spin)
-                give(crew, BEGIN, 0, n, LEAST_TILES)
-                low, high = share(crew, 0, 0, n, LEAST_TILES)
+                numbers = crew.numbers
+                numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead_time, slow, slow_spin
+                low, high = give(crew, BEGIN, 0, n, LEAST_TILES)
                 drift(low, high, 0.5 * h, v, x, y, angle)
                 damp(low, high, slow, slow_spin, v)
                 if m > 0 or floor.law == EXACT:
@@ -697,8 +693,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 collect(crew)
                 if m > 0:
                     blocks = rows.first[COLOURS]
-                    give(crew, PLACE, 0, blocks, LEAST_BLOCKS)
-                    low, high = share(crew, 0, 0, blocks, LEAST_BLOCKS)
+                    low, high = give(crew, PLACE, 0, blocks, LEAST_BLOCKS)
                     struck, overlap = place_all(k, ahead_time, x, y, work, low, high)
                     collect(crew)
                     for other in range(1, crew.size if high < blocks else 1):
@@ -712,8 +707,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                                 c, s)
                 else:
                     counts.overlap[0] += ticks
-                give(crew, KICK, 0, n + 1, LEAST_TILES)
-                low, high = share(crew, 0, 0, n + 1, LEAST_TILES)
+                low, high = give(crew, KICK, 0, n + 1, LEAST_TILES)
                 kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
                 collect(crew)
                 if m > 0 or floor.law != 0:
@@ -729,8 +723,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     if floor.law != 0:
                         drift_back(kh, floor, before, im, ii, v, x, y, angle, crew)
                 counts.rows[0] += m
-                give(crew, END, 0, n, LEAST_TILES)
-                low, high = share(crew, 0, 0, n, LEAST_TILES)
+                low, high = give(crew, END, 0, n, LEAST_TILES)
                 damp(low, high, slow, slow_spin, v)
                 drift(low, high, 0.5 * h, v, x, y, angle)
                 collect(crew)
@@ -778,7 +771,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             return
         h, ahead_time, slow, slow_spin = (crew.numbers[0], crew.numbers[1], crew.numbers[2],
                                           crew.numbers[3])
-        first, last = share(crew, me, crew.what[1], crew.what[2], 0)
+        first, last = share(crew, me, crew.what[1], crew.what[2])
         if what == PAIRS:
             crew.found[me * LINE] = pairs_from(
                 work.pairs, k.n, x, y, tiles.mobile, crew.numbers[0], work.margin,
@@ -829,11 +822,11 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             react(work.magnets, crew.what[1], crew.what[2], False, me == 1)
         elif what == TOTAL:
             add_up(work.magnets, work.fx, work.fy, work.torque, first, last)
-        report(crew, me, job)
+        store(crew.done, me * LINE, job)
 
 
 @kernel
 def dismiss(crew: Crew) -> None:
     """Let the helpers of a crew leave."""
     crew.what[0] = LEAVE
-    count(crew)
+    store(crew.job, 0, crew.job[0] + 1)

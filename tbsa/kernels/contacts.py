@@ -168,14 +168,13 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
     """
     # Space is left for what else the middle of a step may bring.
     room = rows.a.size - spare * (rows.a.size // 5)
-    give(crew, ROWS, 0, room, LEAST_ROOM)
-    at, end = share(crew, 0, 0, room, LEAST_ROOM)
+    at, end = give(crew, ROWS, 0, room, LEAST_ROOM)
     m, overlap = rows_from(rows, pairs, n, width, wall, wall_x, wall_y, x, y, c, s, mobile, way,
                            far, 0, crew.size if end < room else 1, at, end)
     collect(crew)
     for other in range(1, crew.size if end < room else 1):
         more = crew.found[other * LINE]
-        at, _ = share(crew, other, 0, room, 0)
+        at, _ = share(crew, other, 0, room)
         overlap = max(overlap, crew.deepest[other * LINE])
         if m < 0 or more < 0:
             m = -1

@@ -89,39 +89,20 @@ def wait_for(numbers: np.ndarray, index: int, value: int) -> None:
 
 
 @lane
-def give(crew: Crew, what: int, first: int, last: int, least: int) -> None:
-    """Tell the others to do their shares of a range, unless it is shorter than `least`."""
+def give(crew: Crew, what: int, first: int, last: int, least: int) -> Any:
+    """Tell the others to do their shares of a range, unless it is shorter than `least`; returns
+    first and last of what is left to this one."""
     if crew.size == 1 or last - first < least:
-        return
+        return first, last
     crew.what[0], crew.what[1], crew.what[2] = what, first, last
     crew.done[0] = crew.job[0] + 1
-    count(crew)
-
-
-@inline
-def count(crew: Crew) -> None:
-    """One job more, with all that was written for it."""
     store(crew.job, 0, crew.job[0] + 1)
-
-
-@inline
-def report(crew: Crew, me: int, job: int) -> None:
-    """Say that a thread has done its share of a job."""
-    store(crew.done, me * LINE, job)
+    return share(crew, 0, first, last)
 
 
 @lane
-def tell(crew: Crew, h: float, ahead: float, slow: float, slow_spin: float) -> None:
-    """The numbers of a substep, for its jobs."""
-    numbers = crew.numbers
-    numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead, slow, slow_spin
-
-
-@lane
-def share(crew: Crew, me: int, first: int, last: int, least: int) -> Any:
-    """First and last of a thread's share of a range, by whole cache lines; thread 0 has told."""
-    if crew.size == 1 or last - first < least:
-        return (first, last) if me == 0 else (last, last)
+def share(crew: Crew, me: int, first: int, last: int) -> Any:
+    """First and last of a thread's share of a range, by whole cache lines."""
     each = (last - first) // crew.size
     each -= each % LINE if each >= LINE else 0
     return first + me * each, last if me == crew.size - 1 else first + (me + 1) * each

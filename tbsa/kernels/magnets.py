@@ -163,14 +163,13 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
     Returns the number of them; where that exceeds the capacity the list is of no use.
     """
     room = near.p.size
-    give(crew, LIST, 0, room, LEAST_ROOM)
-    at, end = share(crew, 0, 0, room, LEAST_ROOM)
+    at, end = give(crew, LIST, 0, room, LEAST_ROOM)
     total, m = magnets_from(law, pairs, n, glues, x, y, c, s, way, margin, near, 0,
                             crew.size if end < room else 1, at, end)
     collect(crew)
     for other in range(1, crew.size if end < room else 1):
         more, kept = crew.found[other * LINE], crew.found[other * LINE + 1]
-        at, _ = share(crew, other, 0, room, 0)
+        at, _ = share(crew, other, 0, room)
         total += more
         if total <= room:
             for i in range(U(kept)):
@@ -323,15 +322,13 @@ def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, fx: np.ndarray,
     size = near.size[0]
     for portion in range(0, size, near.hx.size):
         last = min(portion + near.hx.size, size)
-        give(crew, PULL, portion, last, LEAST_PAIRS)
-        begin, end = share(crew, 0, portion, last, LEAST_PAIRS)
+        begin, end = give(crew, PULL, portion, last, LEAST_PAIRS)
         pull(law, near, portion, begin, end)
         collect(crew)
         give(crew, REACT, portion, last, LEAST_PAIRS)
         react(near, portion, last, True, end == last)
         collect(crew)
-    give(crew, TOTAL, 0, n, LEAST_TILES)
-    begin, end = share(crew, 0, 0, n, LEAST_TILES)
+    begin, end = give(crew, TOTAL, 0, n, LEAST_TILES)
     add_up(near, fx, fy, torque, begin, end)
     collect(crew)
 

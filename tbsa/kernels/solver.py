@@ -78,7 +78,6 @@ from tbsa.kernels.crew import (
     Crew,
     collect,
     give,
-    share,
 )
 from tbsa.kernels.floor import (
     COUPLED,
@@ -358,8 +357,7 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
         begin, end = first[colour], first[colour + 1]
         if begin == end:
             continue
-        give(crew, APPLY, begin, end, LEAST_BLOCKS)
-        mine, last = share(crew, 0, begin, end, LEAST_BLOCKS)
+        mine, last = give(crew, APPLY, begin, end, LEAST_BLOCKS)
         apply_blocks(rows, per_mass, v, mine, last)
         collect(crew)
     for block in range(first[ALONE], first[COLOURS]):
@@ -399,8 +397,7 @@ def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew
             for block in range(begin, end):
                 solve_row(rows, 8 * block, per_mass, v)
             continue
-        give(crew, SWEEP, begin, end, LEAST_BLOCKS)
-        mine, last = share(crew, 0, begin, end, LEAST_BLOCKS)
+        mine, last = give(crew, SWEEP, begin, end, LEAST_BLOCKS)
         sweep_blocks(rows, per_mass, v, mine, last)
         collect(crew)
 
@@ -448,8 +445,7 @@ def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: 
 def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
                 s: np.ndarray, v: Bodies, crew: Crew) -> None:
     """Solve the floor's impulse of every tile."""
-    give(crew, FLOOR, 0, k.n, LEAST_TILES)
-    begin, end = share(crew, 0, 0, k.n, LEAST_TILES)
+    begin, end = give(crew, FLOOR, 0, k.n, LEAST_TILES)
     floor_tiles(floor, k, im, ii, c, s, v, begin, end)
     collect(crew)
 
@@ -549,8 +545,7 @@ def changed(rows: Rows, little: float, begin: int, last: int) -> Any:
 def count_changed(rows: Rows, little: float, crew: Crew) -> Any:
     """The same of all rows."""
     blocks = rows.first[COLOURS]
-    give(crew, TALLY, 0, blocks, LEAST_BLOCKS)
-    begin, last = share(crew, 0, 0, blocks, LEAST_BLOCKS)
+    begin, last = give(crew, TALLY, 0, blocks, LEAST_BLOCKS)
     many, worst = changed(rows, little, begin, last)
     collect(crew)
     for other in range(1, crew.size if last < blocks else 1):
@@ -698,8 +693,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
     floorx, floory, floort = v.floorx, v.floory, v.floort
     n = U(k.n)
     energy, power = v.change, u.change
-    give(crew, WORK, 0, k.n, LEAST_TILES)
-    begin, end = share(crew, 0, 0, k.n, LEAST_TILES)
+    begin, end = give(crew, WORK, 0, k.n, LEAST_TILES)
     work_on(k, im, ii, v, u, begin, end)
     collect(crew)
     square, mixed = 0.0, 0.0
@@ -814,8 +808,7 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     tiles that they move; what is left after some passes is there again in the next substep.
     """
     r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
-    give(crew, DEEP, 0, first[COLOURS], LEAST_BLOCKS)
-    begin, last = share(crew, 0, 0, first[COLOURS], LEAST_BLOCKS)
+    begin, last = give(crew, DEEP, 0, first[COLOURS], LEAST_BLOCKS)
     find_deep(rows, k, begin, last)
     collect(crew)
     size = 0
