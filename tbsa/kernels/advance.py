@@ -646,14 +646,14 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             if error != OK:
                                 break
                         turn(0, n, angle, c, s)
-                        found, changed, overlap = find_rows(
+                        found, others, overlap = find_rows(
                             rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
                             tiles.mobile, way, far, ahead, crew)
                         if found < 0:
                             error = MORE_ROWS
                             break
                         # As if rows had not been there before: a run may go on from here.
-                        if changed or not known or (whole and late > 0):
+                        if others or not known or (whole and late > 0):
                             if known:
                                 scale_impulses(rows, TICKS / before_ticks)
                                 remember(rows, m, n, state.impulses)
