@@ -85,7 +85,7 @@ class Rows(NamedTuple):
     body: np.ndarray  # int64[blocks * BODIES]
     first: np.ndarray  # int64[COLOURS + 1], first block of every colour
     single: np.ndarray  # int64, one a block: rows of a single point in it
-    hits: np.ndarray  # int64, one a block: points that hit in this substep
+    hits: np.ndarray  # int64, one a block: points that hit; then rows that changed, or are deep
     active: np.ndarray  # int64, one a block: scratch
     queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass ...
     now: np.ndarray  # int64, eight a block: the list of this pass, each row as 8 block + lane
