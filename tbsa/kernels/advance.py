@@ -87,7 +87,7 @@ from tbsa.kernels.crew import (
 from tbsa.kernels.floor import EXACT
 from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
-from tbsa.kernels.jit import U, copy, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, copy, inline, kernel, lane
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -295,7 +295,7 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v:
     moved = v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    begin, end = give(crew, BACK, 0, k.n, LEAST_TILES)
+    begin, end = give(crew, BACK, ZERO, k.n, LEAST_TILES)
     some = find_stopped(im, ii, v, v0, begin, end)
     collect(crew)
     for other in range(1, crew.size if end < k.n else 1):
@@ -520,7 +520,7 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
     if error != OK:
         return int(error)
-    turn(0, k.n, angle, work.c, work.s)
+    turn(ZERO, k.n, angle, work.c, work.s)
     counts.magnet_lists[0] += 1
     found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
                          turning, near, work.crew)
@@ -562,7 +562,7 @@ def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, dri
     midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
     vx, vy, w = v.vx, v.vy, v.w
     crew.numbers[0] = half
-    begin, end = give(crew, AHEAD, 0, n, LEAST_TILES)
+    begin, end = give(crew, AHEAD, ZERO, n, LEAST_TILES)
     look_ahead(half, law, x, y, angle, work, begin, end)
     collect(crew)
     if law.cutoff > 0.0:
@@ -599,7 +599,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     rows.first[:] = 0
     rows.effort[:] = 0
     error, done = OK, 0
-    m, known, late = np.int64(0), False, np.int64(0)  # rows; of these found within a step
+    m, known, late = ZERO, False, ZERO  # rows; of these found within a step
     wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
@@ -618,7 +618,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 if magnetic:
                     speeds(k, v, work.pace, work.speed)
                     error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
-                                         np.int64(0), work, counts)
+                                         ZERO, work, counts)
                     if error != OK:
                         break
                 find_forces((begun + step) * step_length + (part + 0.5) * part_length, n,
@@ -640,12 +640,12 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     if added >= 0:
                         m, late = m + added, late + added
                     else:
-                        ahead = np.int64(1) if whole else np.int64(0)
+                        ahead = np.int64(1) if whole else ZERO
                         if reach > 0.0:
                             error = find_pairs(k, reach, tiles, x, y, way, ahead, work, counts)
                             if error != OK:
                                 break
-                        turn(0, n, angle, c, s)
+                        turn(ZERO, n, angle, c, s)
                         found, others, overlap = find_rows(
                             rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
                             tiles.mobile, way, far, ahead, crew)
@@ -657,7 +657,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                             if known:
                                 scale_impulses(rows, TICKS / before_ticks)
                                 remember(rows, m, n, state.impulses)
-                            m, late = found, np.int64(0)
+                            m, late = found, ZERO
                             known = colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall,
                                                 k.e_wall)
                             if not known:
@@ -685,7 +685,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 counts.joined[0] += max(ticks // TICKS - 1, 0)
                 numbers = crew.numbers
                 numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead_time, slow, slow_spin
-                low, high = give(crew, BEGIN, 0, n, LEAST_TILES)
+                low, high = give(crew, BEGIN, ZERO, n, LEAST_TILES)
                 drift(low, high, 0.5 * h, v, x, y, angle)
                 damp(low, high, slow, slow_spin, v)
                 if m > 0 or floor.law == EXACT:
@@ -693,7 +693,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 collect(crew)
                 if m > 0:
                     blocks = rows.first[COLOURS]
-                    low, high = give(crew, PLACE, 0, blocks, LEAST_BLOCKS)
+                    low, high = give(crew, PLACE, ZERO, blocks, LEAST_BLOCKS)
                     struck, overlap = place_all(k, ahead_time, x, y, work, low, high)
                     collect(crew)
                     for other in range(1, crew.size if high < blocks else 1):
@@ -707,7 +707,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                                 c, s)
                 else:
                     counts.overlap[0] += ticks
-                low, high = give(crew, KICK, 0, n + 1, LEAST_TILES)
+                low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
                 kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
                 collect(crew)
                 if m > 0 or floor.law != 0:
@@ -723,7 +723,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     if floor.law != 0:
                         drift_back(kh, floor, before, im, ii, v, x, y, angle, crew)
                 counts.rows[0] += m
-                low, high = give(crew, END, 0, n, LEAST_TILES)
+                low, high = give(crew, END, ZERO, n, LEAST_TILES)
                 damp(low, high, slow, slow_spin, v)
                 drift(low, high, 0.5 * h, v, x, y, angle)
                 collect(crew)

@@ -20,7 +20,7 @@ import numpy as np
 
 from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
 from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
-from tbsa.kernels.jit import U, columns, copy, inline, lane
+from tbsa.kernels.jit import ZERO, U, columns, copy, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
 CIRCLE, RECTANGLE = 1, 2
@@ -70,6 +70,7 @@ CHUNK = 8  # blocks that are worked on together
 # Colours of pairs; then those of walls, of which a tile has eight rows at most; then the rows
 # that are alone.
 PAIR_COLOURS, WALL_COLOURS = 47, 8
+PAIR_BITS = 2**PAIR_COLOURS - 1
 ALONE = PAIR_COLOURS + WALL_COLOURS
 COLOURS = ALONE + 1
 
@@ -168,13 +169,13 @@ def find_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int,
     """
     # Space is left for what else the middle of a step may bring.
     room = rows.a.size - spare * (rows.a.size // 5)
-    at, end = give(crew, ROWS, 0, room, LEAST_ROOM)
+    at, end = give(crew, ROWS, ZERO, room, LEAST_ROOM)
     m, overlap = rows_from(rows, pairs, n, width, wall, wall_x, wall_y, x, y, c, s, mobile, way,
-                           far, 0, crew.size if end < room else 1, at, end)
+                           far, ZERO, crew.size if end < room else 1, at, end)
     collect(crew)
     for other in range(1, crew.size if end < room else 1):
         more = crew.found[other * LINE]
-        at, _ = share(crew, other, 0, room)
+        at, _ = share(crew, other, ZERO, room)
         overlap = max(overlap, crew.deepest[other * LINE])
         if m < 0 or more < 0:
             m = -1
@@ -215,7 +216,8 @@ def rows_from(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x:
             b = U(other[k])
             dx, dy = x[b] - x[a], y[b] - y[a]
             margin = far_a + far[b]
-            if dx * dx + dy * dy > (DIAGONAL * width + way_a + way[b]) ** 2:
+            reach = DIAGONAL * width + way_a + way[b]
+            if dx * dx + dy * dy > reach * reach:
                 continue
             gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
             if gap > margin:
@@ -253,7 +255,7 @@ def add_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x: 
     pairs were listed.  Returns the number of new rows, -1 where they do not fit.
     """
     near, half = rows.used, 0.5 * width
-    m, found = rows.size[0], 0
+    m, found = rows.size[0], ZERO
     most = min(rows.a.size - m, rows.single.size - rows.first[COLOURS])
     for a in range(n):
         if marked[a] == 0:
@@ -262,17 +264,18 @@ def add_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x: 
         for j in range(near_place(pairs, x[a], y[a], DIAGONAL * width + way[a] + widest, near)):
             b = U(near[j])
             dx, dy = x[b] - x[a], y[b] - y[a]
+            reach = DIAGONAL * width + way[a] + way[b]
             # Two that are marked are found by the first of them.
             if (near[j] == a or (marked[b] != 0 and near[j] < a)
-                    or dx * dx + dy * dy > (DIAGONAL * width + way[a] + way[b]) ** 2):
+                    or dx * dx + dy * dy > reach * reach):
                 continue
             c[b], s[b] = cos_sin(angle[b])
             if (pair_gap(dx, dy, c[a], s[a], c[b], s[b], half) > far[a] + far[b]
-                    or has_row(rows, a, near[j], n, 0)):
+                    or has_row(rows, a, near[j], n, ZERO)):
                 continue
             if found == most:
                 return -1
-            insert(rows, found, min(a, near[j]), max(a, near[j]), 0)
+            insert(rows, found, min(a, near[j]), max(a, near[j]), ZERO)
             found += 1
         if wall == 0 or off_wall(wall, wall_x, wall_y, x[a], y[a],
                                  0.5 * DIAGONAL * width + way[a]):
@@ -311,7 +314,7 @@ def add_rows(rows: Rows, pairs: Pairs, n: int, width: float, wall: int, wall_x: 
             field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = code, code
         j -= 1
     index_rows(rows, m + found, n, mobile)
-    return found
+    return int(found)
 
 
 @lane
@@ -396,10 +399,10 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
         a, b = ra[i], rb[i]
         colour = 0
         if b == n:
-            colour = PAIR_COLOURS + used[a] // 2**PAIR_COLOURS
-            used[a] += 2**PAIR_COLOURS
+            colour = PAIR_COLOURS + used[a] // (PAIR_BITS + 1)
+            used[a] += PAIR_BITS + 1
         else:
-            taken = (used[a] | used[b]) & (2**PAIR_COLOURS - 1)
+            taken = (used[a] | used[b]) & PAIR_BITS
             while taken & 1:
                 taken >>= 1
                 colour += 1

@@ -17,14 +17,14 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from tbsa.kernels.jit import inline, lane
+from tbsa.kernels.jit import ZERO, inline, lane
 
 # What is to be done; see `help_out` in `advance.py`.
 (LEAVE, PAIRS, LIST, AHEAD, PULL, REACT, TOTAL, ROWS, BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR,
- TALLY, WORK, BACK, END, DEEP) = range(19)
+ TALLY, WORK, BACK, END, DEEP) = (np.int64(i) for i in range(19))
 
 # Ranges shorter than this are not worth the way to another thread: 0.4 us there and back.
-LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = 1024, 48, 1024, 8192
+LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = (np.int64(i) for i in (1024, 48, 1024, 8192))
 LINE = 8  # numbers of a cache line: what two threads write is this far apart
 PATIENCE = 4096  # looks at a number, before another process may have the core
 
@@ -97,7 +97,7 @@ def give(crew: Crew, what: int, first: int, last: int, least: int) -> Any:
     crew.what[0], crew.what[1], crew.what[2] = what, first, last
     crew.done[0] = crew.job[0] + 1
     store(crew.job, 0, crew.job[0] + 1)
-    return share(crew, 0, first, last)
+    return share(crew, ZERO, first, last)
 
 
 @lane

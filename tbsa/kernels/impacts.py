@@ -58,7 +58,7 @@ from tbsa.kernels.contacts import (
     weigh_block,
 )
 from tbsa.kernels.geometry import cos_sin, square_square
-from tbsa.kernels.jit import U, columns, inline
+from tbsa.kernels.jit import ZERO, U, columns, inline
 from tbsa.kernels.routh import routh
 from tbsa.kernels.solver import Bodies, Numbers, solve_row
 
@@ -358,7 +358,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     r, body, hits, mobile = rows.field, rows.body, rows.hits, v.mobile
     touching = TOUCHING * k.width
-    size = np.int64(0)
+    size = ZERO
     z.size[:] = 0
     for block in range(rows.first[COLOURS]):
         if hits[block] == 0:
@@ -390,7 +390,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     for j in range(z.size[1]):
         i = z.tiles[j]
         z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
-    size = np.int64(0)
+    size = ZERO
     for j in range(z.size[0]):
         q = z.rows[j]
         at, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)

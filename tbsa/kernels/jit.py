@@ -22,14 +22,20 @@ from typing import Any
 import llvmlite.binding
 import numba
 import numpy as np
+from llvmlite.binding import Linkage
 from numba.core import sigutils
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 
 # An index that came out of an array: unsigned, or Numba would look at every access whether it
 # is negative and counts from the end.
 U = np.uintp
+# As an argument, or where a whole number begins that becomes one: a plain 0 has a type of its own,
+# and a helper would be compiled once more for it.
+ZERO: Any = np.int64(0)
 
 config: Any = numba.config
 njit: Any = numba.njit  # its stubs know fewer options than it has
@@ -134,12 +140,97 @@ def _cached(compiled: Any, function: Callable[..., Any]) -> Any:
     return compiled
 
 
+class _Raw(JITCodeLibrary):
+    """The code of a helper as it was lowered, with that of its own helpers.
+
+    Numba would run all of LLVM's passes over it, again over every helper that calls it, and make
+    machine code each time that nobody runs.  Here the passes run once, over the kernel that has
+    taken everything in.
+    """
+
+    def finalize(self) -> None:
+        """Take in what it calls, and leave it at that."""
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Null: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> _Raw:
+        """Where Numba sets the environment of what it has compiled, see `set_env`."""
+        return self
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        """Nothing: helpers need no environment, and there is no machine code that has one."""
+
+
+class _Whole(JITCodeLibrary):
+    """The code of a kernel, with that of all its helpers."""
+
+    def _optimize_final_module(self) -> None:
+        """Nobody else calls the helpers: they are handed only what they need.
+
+        A tuple of 25 arrays is 175 arguments otherwise, and a step of a single tile took three
+        times as long.
+        """
+        for function in self._final_module.functions:
+            if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
+                function.linkage = Linkage.internal
+        super()._optimize_final_module()
+
+
+class _PartCompiler(Compiler):
+    """Numba's compiler, for helpers.
+
+    What differs between kernels and helpers is set only here: Numba compiles `min`, `max` and the
+    like once for each set of options that it meets.
+    """
+
+    kind: type[JITCodeLibrary] = _Raw
+    always_inline, called_by_python = False, False
+
+    def define_pipelines(self) -> Any:
+        """What Numba does with every function."""
+        state = self.state
+        state.library = self.kind(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        state.flags.forceinline = self.always_inline
+        state.flags.no_cpython_wrapper = not self.called_by_python
+        return super().define_pipelines()
+
+
+class _LaneCompiler(_PartCompiler):
+    always_inline = True
+
+
+class _KernelCompiler(_PartCompiler):
+    kind, called_by_python = _Whole, True
+
+
 class _Part(CPUDispatcher):
-    """A function that other kernels call, without the wrapper that Python would need."""
+    """A function that other kernels call."""
 
     def __call__(self, *args: Any) -> Any:
-        raise TypeError(f"{self.py_func.__name__} takes arrays and is part of other kernels: "
-                        "it can only be called by jitted functions")
+        """A helper of numbers is compiled once more, by itself, as in tests.
+
+        The wrapper of one that takes arrays, many of them in tuples, would take as long to
+        compile as the helper.
+        """
+        if not _of_numbers(self.py_func):
+            raise TypeError(f"{self.py_func.__name__} takes arrays and is part of other kernels: "
+                            "it can only be called by jitted functions")
+        return _alone(self.py_func)(*args)
+
+
+def _of_numbers(function: Callable[..., Any]) -> bool:
+    kinds = {kind for name, kind in function.__annotations__.items() if name != "return"}
+    return kinds <= {"int", "float", "bool"}
 
 
 def _jit(function: Callable[..., Any], **options: Any) -> Any:
@@ -150,36 +241,31 @@ def _jit(function: Callable[..., Any], **options: Any) -> Any:
     return njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
 
 
-def _part(function: Callable[..., Any], **options: Any) -> Any:
-    """Jit a function that is compiled into its callers.
+_alone = functools.cache(_jit)
 
-    Helpers of numbers can be called from Python, as tests do.  The wrapper of one that takes
-    arrays, many of them in tuples, would take as long to compile as the helper: there is none.
-    """
-    arguments = {kind for name, kind in function.__annotations__.items() if name != "return"}
-    if arguments <= {"int", "float", "bool"}:
-        return _jit(function, **options)
-    # Nothing is allocated in there, so that no references need to be counted.
-    part = _jit(function, no_cpython_wrapper=True, _nrt=False, **options)
+
+def _compiled(function: Callable[..., Any], compiler: type[_PartCompiler]) -> Any:
+    """Jit a kernel or a helper; they allocate nothing, so that no references are counted."""
+    return _jit(function, no_cpython_wrapper=True, _nrt=False, pipeline_class=compiler)
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Jit a function that Python calls: cached on disk, runs without the GIL."""
+    return _cached(_compiled(function, _KernelCompiler), function)
+
+
+def inline(function: Callable[..., Any], compiler: type[_PartCompiler] = _PartCompiler) -> Any:
+    """Jit a helper of other kernels; compiled into its callers."""
+    part = _compiled(function, compiler)
     if isinstance(part, CPUDispatcher):  # not with Numba switched off
         part.__class__ = _Part
     return part
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Jit a function that Python calls: cached on disk, runs without the GIL."""
-    return _cached(_jit(function, _nrt=True), function)
-
-
-def inline(function: Callable[..., Any]) -> Any:
-    """Jit a helper of other kernels; compiled into its callers."""
-    return _part(function, inline="never")
-
-
 def lane(function: Callable[..., Any]) -> Any:
     """Jit a scalar helper of a loop over lanes, without branches: always part of its caller,
     so that the loop can become vector code."""
-    return _part(function, forceinline=True)
+    return inline(function, _LaneCompiler)
 
 
 def callback(signature: Any, function: Callable[..., Any]) -> Any:

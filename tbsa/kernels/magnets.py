@@ -25,7 +25,7 @@ from tbsa.kernels.crew import (
     give,
     share,
 )
-from tbsa.kernels.jit import U, columns, copy, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, columns, copy, inline, kernel, lane
 from tbsa.kernels.neighbours import Pairs, first_of
 
 CHUNK = 512  # pairs that are worked on together, in the first-level cache
@@ -163,13 +163,13 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
     Returns the number of them; where that exceeds the capacity the list is of no use.
     """
     room = near.p.size
-    at, end = give(crew, LIST, 0, room, LEAST_ROOM)
-    total, m = magnets_from(law, pairs, n, glues, x, y, c, s, way, margin, near, 0,
+    at, end = give(crew, LIST, ZERO, room, LEAST_ROOM)
+    total, m = magnets_from(law, pairs, n, glues, x, y, c, s, way, margin, near, ZERO,
                             crew.size if end < room else 1, at, end)
     collect(crew)
     for other in range(1, crew.size if end < room else 1):
         more, kept = crew.found[other * LINE], crew.found[other * LINE + 1]
-        at, _ = share(crew, other, 0, room)
+        at, _ = share(crew, other, ZERO, room)
         total += more
         if total <= room:
             for i in range(U(kept)):
@@ -328,22 +328,23 @@ def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, fx: np.ndarray,
         give(crew, REACT, portion, last, LEAST_PAIRS)
         react(near, portion, last, True, end == last)
         collect(crew)
-    begin, end = give(crew, TOTAL, 0, n, LEAST_TILES)
+    begin, end = give(crew, TOTAL, ZERO, n, LEAST_TILES)
     add_up(near, fx, fy, torque, begin, end)
     collect(crew)
 
 
 @kernel
 def magnet_forces(law: MagnetLaw, pairs: Pairs, glues: np.ndarray, x: np.ndarray, y: np.ndarray,
-                  angle: np.ndarray, near: MagnetPairs, fx: np.ndarray, fy: np.ndarray,
-                  torque: np.ndarray, crew: Crew) -> int:
-    """Add the forces of all magnets on the tiles at x, y, angle; `pairs` must be up to date.
+                  angle: np.ndarray, c: np.ndarray, s: np.ndarray, margin: np.ndarray,
+                  near: MagnetPairs, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray,
+                  crew: Crew) -> int:
+    """Add the forces of all magnets on the tiles at x, y, angle (of cosine c and sine s); `pairs`
+    must be up to date, and `margin` is how far (m) the list of magnets is to reach further.
 
     Returns the number of magnet pairs; where that exceeds the capacity nothing was added.
     """
     n = x.size
-    c, s = np.cos(angle), np.sin(angle)
-    m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, np.zeros(n), np.zeros(n), near, crew)
+    m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, margin, margin, near, crew)
     if m <= near.p.size:
         place_magnets(near, law.offset, x, y, c, s, 0, n)
         add_magnet_forces(law, n, near, fx, fy, torque, crew)

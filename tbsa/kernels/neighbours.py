@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tbsa.kernels.crew import LEAST_TILES, LINE, PAIRS, Crew, collect, give, share
-from tbsa.kernels.jit import U, copy, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, copy, inline, kernel, lane
 
 
 class Pairs(NamedTuple):
@@ -88,14 +88,14 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
         first[at + 1] += 1
 
     crew.numbers[0], crew.numbers[1] = reach, widest
-    _, end = give(crew, PAIRS, 0, n, LEAST_TILES)
+    _, end = give(crew, PAIRS, ZERO, n, LEAST_TILES)
     threads = crew.size if end < n else 1
-    found: Any = pairs_from(pairs, n, x, y, mobile, reach, margin, widest, 0, end, 0,
+    found: Any = pairs_from(pairs, n, x, y, mobile, reach, margin, widest, ZERO, end, ZERO,
                             place_of(room, end, n))
     collect(crew)
     fits = found <= place_of(room, end, n)
     for helper in range(1, threads):
-        a, end = share(crew, helper, 0, n)
+        a, end = share(crew, helper, ZERO, n)
         at, more = place_of(room, a, n), crew.found[helper * LINE]
         fits = fits and more <= place_of(room, end, n) - at
         if fits:

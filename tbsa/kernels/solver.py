@@ -88,7 +88,7 @@ from tbsa.kernels.floor import (
     floor_impulse,
     interval,
 )
-from tbsa.kernels.jit import U, columns, copy, inline, lane
+from tbsa.kernels.jit import ZERO, U, columns, copy, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
@@ -235,7 +235,7 @@ def push(r: np.ndarray, k: int, per_mass: float, d0: float, d1: float, dt: float
 
 # The lanes' code stands in these loops themselves: LLVM unrolls a short loop over a call, and
 # then makes no vectors of it.
-@inline
+@lane
 def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
     """Solve a block of manifolds of two points: their friction, then their normal impulses."""
     o = U(block) * BLOCK
@@ -262,7 +262,7 @@ def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
                             abs(t - qt) * r[k + KTT])
 
 
-@inline
+@lane
 def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
     """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on."""
     for i in range(U(lanes)):
@@ -445,7 +445,7 @@ def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: 
 def sweep_floor(floor: FloorLaw, k: Numbers, im: float, ii: float, c: np.ndarray,
                 s: np.ndarray, v: Bodies, crew: Crew) -> None:
     """Solve the floor's impulse of every tile."""
-    begin, end = give(crew, FLOOR, 0, k.n, LEAST_TILES)
+    begin, end = give(crew, FLOOR, ZERO, k.n, LEAST_TILES)
     floor_tiles(floor, k, im, ii, c, s, v, begin, end)
     collect(crew)
 
@@ -545,7 +545,7 @@ def changed(rows: Rows, little: float, begin: int, last: int) -> Any:
 def count_changed(rows: Rows, little: float, crew: Crew) -> Any:
     """The same of all rows."""
     blocks = rows.first[COLOURS]
-    begin, last = give(crew, TALLY, 0, blocks, LEAST_BLOCKS)
+    begin, last = give(crew, TALLY, ZERO, blocks, LEAST_BLOCKS)
     many, worst = changed(rows, little, begin, last)
     collect(crew)
     for other in range(1, crew.size if last < blocks else 1):
@@ -558,7 +558,7 @@ def count_changed(rows: Rows, little: float, crew: Crew) -> Any:
 def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> int:
     """After a pass over all rows and the floor, list what is to be solved again."""
     r, body, change = rows.field, rows.body, v.change
-    m: Any = np.int64(0)
+    m = ZERO
     for block in range(rows.first[COLOURS]):
         if rows.hits[block] == 0:
             continue
@@ -582,7 +582,7 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, im: float, i
     Returns the length of that, and the largest change (m/s) of a row.
     """
     body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
-    m: Any = np.int64(0)
+    m = ZERO
     worst = 0.0
     for j in range(size):
         q = now[j]
@@ -624,7 +624,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     little = LITTLE * tolerance
     v.moved[:] = 0
     done, whole = -1 - k.passes, True
-    size: Any = np.int64(0)
+    size = ZERO
     for p in range(k.passes):
         rows.effort[0] += m
         if whole:
@@ -693,7 +693,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
     floorx, floory, floort = v.floorx, v.floory, v.floort
     n = U(k.n)
     energy, power = v.change, u.change
-    begin, end = give(crew, WORK, 0, k.n, LEAST_TILES)
+    begin, end = give(crew, WORK, ZERO, k.n, LEAST_TILES)
     work_on(k, im, ii, v, u, begin, end)
     collect(crew)
     square, mixed = 0.0, 0.0
@@ -808,7 +808,7 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     tiles that they move; what is left after some passes is there again in the next substep.
     """
     r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
-    begin, last = give(crew, DEEP, 0, first[COLOURS], LEAST_BLOCKS)
+    begin, last = give(crew, DEEP, ZERO, first[COLOURS], LEAST_BLOCKS)
     find_deep(rows, k, begin, last)
     collect(crew)
     size = 0
@@ -828,7 +828,7 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     shift.w[:] = 0.0
     some = 0
     for _ in range(PROJECTIONS):
-        m: Any = np.int64(0)
+        m = ZERO
         for j in range(size):
             q = now[j]
             queued[q] = 0

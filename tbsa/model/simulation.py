@@ -301,16 +301,16 @@ class Simulation:
         n = self.numbers.n
         fx, fy, torque = np.zeros(n), np.zeros(n), np.zeros(n)
         if self.magnets.cutoff > 0.0 and n > 1:
-            alone = empty_crew(1)
+            alone, none, angle = empty_crew(1), np.zeros(n), self.angle
             while build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
-                              np.zeros(n), alone) > self._work.pairs.other.size:
+                              none, alone) > self._work.pairs.other.size:
                 self._grow(core.MORE_PAIRS)
             while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
-                                self.angle, self._work.magnets, fx, fy, torque,
-                                alone) > self._work.magnets.p.size:
+                                angle, np.cos(angle), np.sin(angle), none, self._work.magnets,
+                                fx, fy, torque, alone) > self._work.magnets.p.size:
                 self._grow(core.MORE_MAGNETS)
                 build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
-                            np.zeros(n), alone)
+                            none, alone)
         return fx, fy, torque
 
     def contact_forces(self) -> dict[str, NDArray[Any]]:
