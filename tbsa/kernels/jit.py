@@ -151,7 +151,6 @@ class _Raw(JITCodeLibrary):
     def finalize(self) -> None:
         """Take in what it calls, and leave it at that."""
         for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
         self._finalize_dynamic_globals()
         self._finalized = True
