@@ -347,15 +347,6 @@ def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None
 
 
 @inline
-def speeds(k: Numbers, v: Bodies, pace: np.ndarray, speed: np.ndarray) -> None:
-    """How fast the centre of each tile is, and how fast its corners may be."""
-    vx, vy, w = v.vx, v.vy, v.w
-    for i in range(U(k.n)):
-        pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
-        speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
-
-
-@inline
 def assume(k: Numbers, h: float, everyone: bool, x: np.ndarray, y: np.ndarray,
            angle: np.ndarray, work: Work) -> None:
     """How far centre and corners of every tile, or of those marked in ``moved``, may come from
@@ -423,7 +414,7 @@ def with_substep(k: Numbers, h: float) -> Numbers:
     return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.linear_damping,
                    k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold,
                    min(k.h / h, 1.0) * k.tolerance, k.passes, k.keep_lists, k.skip_converged,
-                   k.join_substeps, k.wall, k.wall_x, k.wall_y)
+                   k.join_substeps, k.driven, k.wall, k.wall_x, k.wall_y)
 
 
 @inline
@@ -483,11 +474,12 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     it long or short-lived for all.  In the middle of a step (`ahead` 0) there are no margins, so
     that the list fits in where a longer one has.  Returns an error word.
     """
-    margin, pace, pairs = work.margin, work.pace, work.pairs
+    margin, pairs, vx, vy = work.margin, work.pairs, work.bodies.vx, work.bodies.vy
     if ahead * k.keep_lists == ahead and not stale(pairs, k.n, x, y, need):
         return OK
-    for i in range(k.n):
-        way = min(PAIR_STEPS * k.substeps * k.h * pace[i], PAIR_MOST * k.width)
+    for i in range(U(k.n)):
+        pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
+        way = min(PAIR_STEPS * k.substeps * k.h * pace, PAIR_MOST * k.width)
         margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
     found = build_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
     counts.lists[0] += 1
@@ -507,7 +499,10 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     """
     need, turning, pace, speed, near = (work.need, work.turning, work.pace, work.speed,
                                         work.magnets)
+    vx, vy, w = work.bodies.vx, work.bodies.vy, work.bodies.w
     for i in range(U(k.n)):
+        pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
+        speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
         need[i], turning[i] = half * pace[i], half * speed[i]
     if (ahead * k.keep_lists == ahead
             and not magnets_stale(near, k.n, law.offset, x, y, angle, need, turning)):
@@ -554,10 +549,13 @@ def place_all(k: Numbers, ahead: float, x: np.ndarray, y: np.ndarray, work: Work
 
 
 @inline
-def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
+def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                 work: Work) -> None:
     """Forces and torques of magnets and drive a time `half` after the tiles are at x, y."""
+    if law.cutoff <= 0.0 and k.driven == 0:
+        return  # they are zero
+    n = k.n
     v, fx, fy, torque, crew = work.bodies, work.fx, work.fy, work.torque, work.crew
     midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
     vx, vy, w = v.vx, v.vy, v.w
@@ -567,8 +565,9 @@ def find_forces(t: float, n: int, half: float, tiles: Tiles, law: MagnetLaw, dri
     collect(crew)
     if law.cutoff > 0.0:
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
-    drive(t, parameters, midx[:n], midy[:n], mid_angle[:n], vx[:n], vy[:n], w[:n], tiles.family,
-          tiles.forward, fx[:n], fy[:n], torque[:n])
+    if k.driven != 0:
+        drive(t, parameters, midx[:n], midy[:n], mid_angle[:n], vx[:n], vy[:n], w[:n],
+              tiles.family, tiles.forward, fx[:n], fy[:n], torque[:n])
 
 
 @kernel
@@ -597,31 +596,30 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     far, way = work.far, work.way
     work.magnets.margin[:] = -1.0  # nothing is known yet
     rows.first[:] = 0
+    rows.size[:] = 0
     rows.effort[:] = 0
     error, done = OK, 0
     m, known, late = ZERO, False, ZERO  # rows; of these found within a step
     wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
     slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
     for step in range(steps):
-        speeds(k, v, work.pace, work.speed)
         if magnetic:
             error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
                                  np.int64(1), work, counts)
             if error != OK:
                 break
-        find_forces((begun + step) * step_length + 0.5 * part_length, n, 0.5 * part_length, tiles,
+        find_forces((begun + step) * step_length + 0.5 * part_length, k, 0.5 * part_length, tiles,
                     magnets, drive, drive_parameters, x, y, angle, work)
         left = k.substeps * TICKS
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         for part in range(parts):
             if part > 0:
                 if magnetic:
-                    speeds(k, v, work.pace, work.speed)
                     error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
                                          ZERO, work, counts)
                     if error != OK:
                         break
-                find_forces((begun + step) * step_length + (part + 0.5) * part_length, n,
+                find_forces((begun + step) * step_length + (part + 0.5) * part_length, k,
                             0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y,
                             angle, work)
             counts.magnet_pairs[0] += work.magnets.size[0]

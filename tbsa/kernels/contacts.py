@@ -98,7 +98,8 @@ class Rows(NamedTuple):
     of: np.ndarray  # int64, the rows of every mobile tile, each as 8 block + lane
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
-    size: np.ndarray  # int64[1], rows
+    colours: np.ndarray  # int64[ALONE], those of them that are in use, in order
+    size: np.ndarray  # int64[2], rows, and colours in use
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
 
@@ -126,8 +127,8 @@ def empty_rows(n: int, capacity: int) -> Rows:
     return Rows._make([
         *lists[0], field[shift : shift + blocks * int(BLOCK)],
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
-        np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(1, np.int64),
-        np.zeros(2, np.int64)])
+        np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(ALONE, np.int64),
+        np.zeros(2, np.int64), np.zeros(2, np.int64)])
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -413,10 +414,14 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
                 colour = ALONE
         slot[i] = colour
         fill[colour] += 1
-    first[0] = 0
+    first[0], in_use = 0, 0
     for q in range(COLOURS):
         first[q + 1] = first[q] + (fill[q] if q == ALONE else (fill[q] + 7) // 8)
+        if fill[q] > 0 and q < ALONE:
+            rows.colours[in_use] = q
+            in_use += 1
         fill[q] = 0
+    rows.size[1] = in_use
     if first[COLOURS] > 3 * rows.single.size // 4:
         return False
     for block in range(first[COLOURS]):

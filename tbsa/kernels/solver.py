@@ -121,6 +121,7 @@ class Numbers(NamedTuple):
     keep_lists: int  # 1, or 0: find pairs and magnet pairs anew every step
     skip_converged: int  # 1, or 0: solve every row in every pass
     join_substeps: int  # 1, or 0: never a longer one than h
+    driven: int  # 1, or 0: nothing drives the tiles
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
     wall_y: float  # m, half the height
@@ -351,13 +352,11 @@ def apply_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) 
 @inline
 def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
     """Apply the impulses that the rows carry."""
-    r, first = rows.field, rows.first
+    r, first, colours = rows.field, rows.first, rows.colours
     vx, vy, w = v.vx, v.vy, v.w
-    for colour in range(ALONE):
-        begin, end = first[colour], first[colour + 1]
-        if begin == end:
-            continue
-        mine, last = give(crew, APPLY, begin, end, LEAST_BLOCKS)
+    for j in range(rows.size[1]):
+        colour = colours[j]
+        mine, last = give(crew, APPLY, first[colour], first[colour + 1], LEAST_BLOCKS)
         apply_blocks(rows, per_mass, v, mine, last)
         collect(crew)
     for block in range(first[ALONE], first[COLOURS]):
@@ -387,19 +386,23 @@ def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) 
 @inline
 def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew) -> None:
     """One pass over all blocks."""
-    first = rows.first
-    for q in range(COLOURS):
-        colour = q if forward else COLOURS - 1 - q
-        begin, end = first[colour], first[colour + 1]
-        if begin == end:
-            continue
-        if colour == ALONE:
-            for block in range(begin, end):
-                solve_row(rows, 8 * block, per_mass, v)
-            continue
-        mine, last = give(crew, SWEEP, begin, end, LEAST_BLOCKS)
+    first, colours, in_use = rows.first, rows.colours, rows.size[1]
+    if not forward:
+        sweep_alone(rows, per_mass, v)
+    for j in range(in_use):
+        colour = colours[j if forward else in_use - 1 - j]
+        mine, last = give(crew, SWEEP, first[colour], first[colour + 1], LEAST_BLOCKS)
         sweep_blocks(rows, per_mass, v, mine, last)
         collect(crew)
+    if forward:
+        sweep_alone(rows, per_mass, v)
+
+
+@inline
+def sweep_alone(rows: Rows, per_mass: float, v: Bodies) -> None:
+    """Solve the rows that are alone in their blocks."""
+    for block in range(rows.first[ALONE], rows.first[COLOURS]):
+        solve_row(rows, 8 * block, per_mass, v)
 
 
 @lane

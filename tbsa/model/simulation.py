@@ -143,7 +143,7 @@ class Simulation:
             tolerance=float(scene.solver.tolerance), passes=int(scene.solver.passes),
             keep_lists=int(scene.solver.keep_lists),
             skip_converged=int(scene.solver.skip_converged),
-            join_substeps=int(scene.solver.join_substeps),
+            join_substeps=int(scene.solver.join_substeps), driven=int(scene.drive is not None),
             wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
             wall_x=0.0 if wall is None else float(wall.radius if circle else 0.5 * wall.width),
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,
