@@ -201,9 +201,11 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
         if body_index == U(k.n) or v.mobile[body_index] == 0.0:
             continue
         c[body_index], s[body_index] = cos_sin(angle[body_index])
+    place_again(rows, block, k, ii / im, v, x, y, c, s)
     for body_index in (a, b):
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
-            place_again(rows, rows.of[p] // 8, k, ii / im, v, x, y, c, s)
+            if rows.of[p] // 8 != block:
+                place_again(rows, rows.of[p] // 8, k, ii / im, v, x, y, c, s)
     return True
 
 

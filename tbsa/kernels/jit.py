@@ -267,6 +267,16 @@ def lane(function: Callable[..., Any]) -> Any:
     return inline(function, _LaneCompiler)
 
 
+def entry(compiled: Any) -> Any:
+    """What a kernel with one signature runs, without a look at the types of its arguments.
+
+    For the caller who knows them: looking at tuples of 170 arrays takes 26 of the 31 us of a call.
+    A kernel that has not run yet, or is not compiled, is returned as it is.
+    """
+    overloads = list(getattr(compiled, "overloads", {}).values())
+    return overloads[0].entry_point if len(overloads) == 1 else compiled
+
+
 def callback(signature: Any, function: Callable[..., Any]) -> Any:
     """Compile `function` as a first-class function of one signature.
 

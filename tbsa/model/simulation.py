@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import math
+import operator
 import os
 import re
 import sys
@@ -23,7 +24,7 @@ from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
 from tbsa.kernels.impacts import empty_scratch
-from tbsa.kernels.jit import columns, config
+from tbsa.kernels.jit import columns, config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
@@ -166,6 +167,7 @@ class Simulation:
         self._reach = 1.001 * reach if n > 1 else 0.0
         self.counts = core.empty_counts()
         self._work = self._space()
+        self._advance = core.advance
 
     def _space(self) -> core.Work:
         n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
@@ -242,17 +244,21 @@ class Simulation:
 
         Raises
         ------
+        TypeError
+            Where `steps` is not a whole number.
         SimulationError
             Where a position or velocity is no longer a finite number, a tile would go
             further than half its width in a substep, or the user's drive raises.
         """
-        left = steps
+        left = operator.index(steps)
         while left > 0:
             with _raised() as raised, self._helped():
-                error, done = core.advance(
+                error, done = self._advance(
                     self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
                     self.parameters, self._work, self.counts, self.steps, left, self._reach,
                 )
+            if self._advance is core.advance:
+                self._advance = entry(core.advance)  # the types are the same in every call
             if raised:
                 raise SimulationError(
                     f"the drive raised {type(raised[0]).__name__} ({raised[0]}) between "
