@@ -478,6 +478,17 @@ def test_another_users_drive_does_not_recompile_the_core(tmp_path):
     assert len(core.advance.signatures) == compiled
 
 
+def test_steps_are_whole_numbers():
+    """Half a step is an error, not none and not one; any kind of whole number will do."""
+    s = simulate([tile(vx=0.1)])
+    for steps in (1.5, 2.0, "3"):
+        with pytest.raises(TypeError):
+            s.advance(steps)
+    s.advance(np.int32(2))
+    s.advance(2)
+    assert s.steps == 4
+
+
 def test_whole_numbers_in_a_scene_do_not_recompile_the_core():
     """A friction of 1 is the float 1.0 by the time that the core sees it."""
     s = simulate([tile(0, 0), tile(1, 0)], floor=Floor(linear=1, angular=0, gravity=10),
