@@ -1,4 +1,4 @@
-"""The paper's comparison in short: both drives for under a minute, metrics, and one picture.
+"""The paper's comparison in short: 20 s of both drives, metrics, and one picture.
 
     python -m paper_runs.quick
 

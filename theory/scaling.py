@@ -246,8 +246,8 @@ def main() -> None:
     """Print the report for a load given on the command line."""
     parser = argparse.ArgumentParser(prog="python -m theory.scaling", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--load", type=float, default=0.075, metavar="N",
-                        help="force on a tile (default: 0.075 N)")
+    parser.add_argument("--load", type=float, default=0.07, metavar="N",
+                        help="force on a tile (default: 0.07 N)")
     parser.add_argument("--friction", type=float, default=0.25, help="between tiles (0.25)")
     options = parser.parse_args()
     if not LEAST <= options.load <= MOST or not 0.0 <= options.friction < 1.0:

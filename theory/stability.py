@@ -334,8 +334,9 @@ def main() -> None:
     """Print the tables for a drive given on the command line."""
     parser = argparse.ArgumentParser(prog="python -m theory.stability", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--force", type=float, default=0.075, metavar="N", help="F_mag (0.075)")
-    parser.add_argument("--torque", type=float, default=3e-3, metavar="NM", help="T_mag (3e-3)")
+    parser.add_argument("--force", type=float, default=0.07, metavar="N", help="F_mag (0.07)")
+    parser.add_argument("--torque", type=float, default=1.65e-3, metavar="NM",
+                        help="T_mag (1.65e-3)")
     parser.add_argument("--sizes", type=int, nargs="+", default=[1, 2, 4, 6, 8], metavar="n")
     parser.add_argument("--samples", type=int, default=5, help="of each random case (5)")
     options = parser.parse_args()

@@ -2,13 +2,15 @@
 
 One step of length H, of second order in free flight:
 
-    lists   near pairs of tiles, and of magnets (kept while nobody has moved too far)
+    lists   near pairs of magnets (kept while nobody has moved too far)
     forces  of its first half
+    lists   near pairs of tiles, likewise
     rows    which tiles may touch in this step, at their speeds and under these forces; and in
             its middle what a tile may touch besides that is hit and will come further
 
 two halves of it (one part, where the number of substeps is odd), each of length P:
 
+    lists   near pairs of magnets, for the middle of the half
     forces  magnets and drive, at x + P/2 v: the middle of the half
 
 and the substeps of a half, of length h:
@@ -25,7 +27,7 @@ and the substeps of a half, of length h:
 
 A substep is h, or h/2, h/4 or h/8 where a tile that may touch another spins fast: between two
 places a corner goes along a chord, and what that cuts off is overlap.  It is 2 h, 4 h or 8 h,
-within a half, where the scene is calm: nothing overlaps, and tiles that may touch are slow.
+within a half, where the scene is calm: next to nothing overlaps, and tiles that may touch are slow.
 
 A free tile goes as if a half were one substep, so that the forces, which change slowly, are
 found twice a step; contacts converge better, and spinning tiles meet more exactly, in more and
@@ -165,7 +167,7 @@ class Tiles(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch, rebuilt at will: nothing in it outlives a substep but the pair list."""
+    """Scratch, rebuilt at will: nothing in it outlives a call of `advance` but the pair list."""
 
     pairs: Pairs
     rows: Rows
@@ -184,7 +186,7 @@ class Work(NamedTuple):
     need: np.ndarray  # m, how far they may go before the list of magnets is found anew: centres
     turning: np.ndarray  # m, ... and magnets
     margin: np.ndarray  # m, how far the centres may go before the list of pairs is
-    midx: np.ndarray  # m, rad, where the tiles are at the middle of the step
+    midx: np.ndarray  # m, rad, where the tiles are at the middle of the half
     midy: np.ndarray
     mid_angle: np.ndarray
     fx: np.ndarray

@@ -26,7 +26,7 @@ from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 CIRCLE, RECTANGLE = 1, 2
 
 # Two tiles have a row in this step if they can come as near as this fraction of the width, at
-# their speeds at its beginning.
+# their speeds and under the forces at its beginning.
 NEAR = 0.05
 # A point is part of a manifold if it is nearer than it can close at its speed within the
 # substep, and this fraction of the width: forces and impacts may speed it up.

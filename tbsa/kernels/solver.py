@@ -9,9 +9,9 @@ A manifold of one point is solved exactly for both impulses; one of two points e
 normal impulses, in turn with its one friction impulse.  Friction with the floor is a bounded
 impulse of each tile (see `floor.py`) and is solved between the passes.
 
-The first pass is over all blocks.  It leaves a few rows in a hundred that change by more than the
-tolerance; those, and the rows of the tiles that they move, are solved one by one until nothing
-changes: converged parts of the scene drop out of further passes.
+While many rows change, passes are over all blocks; mostly that is one.  It leaves a few rows in a
+hundred that change by more than half the tolerance; those, and the rows of the tiles that they
+move, are solved one by one until nothing changes: converged parts of the scene drop out of further passes.
 """
 
 from __future__ import annotations

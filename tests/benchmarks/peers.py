@@ -1,19 +1,21 @@
 """The reference scenes through the engines that a Python user would otherwise take.
 
     pip install -e ".[bench]"
-    python -m tests.benchmarks.peers              every scene, minutes
+    python -m tests.benchmarks.peers              every scene but larger blocks, half an hour
     python -m tests.benchmarks.peers slide row-10
     python -m tests.benchmarks.peers --saved      the table of the saved results
 
 Box2D 2.3.10 (PyPI ``box2d``) and Pymunk 7.3, each over steps and its own iterations.  Their run
 time is taken as engine alone (inside its step) and with the Python that a user has to write:
-magnets, drive, damping.  Ours alone is without the one call that does all substeps.
+magnets, drive, damping.  Ours alone is the compiled function that does all steps, called once, less
+what a call for no step takes; our steps begin at 1/10 s.
 
 Floor friction is what their manuals offer: friction joints; pivot and gear joints with a bounded
 force.  Settings that help them are chosen: Box2D's skin is taken off the tiles, at two scales of
 length; Pymunk's slop is 1e-4 of a width.
 
-Prints, for every scene, our speed at their error and our error at their run time, and writes
+Prints, for every scene, our speed at their error and their error at our run time over ours; unless
+scenes are named, writes
 ``tests/benchmarks/results/peers.json``; ``python -m figures pareto`` draws it.
 """
 

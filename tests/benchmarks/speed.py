@@ -6,7 +6,8 @@
     python -m tests.benchmarks.speed --parts start sizes   some parts only; the rest stays as saved
     python -m tests.benchmarks.speed --saved               the tables of the saved results
 
-CPU time of one thread, compile time apart, medians and minima over windows.  Both paper scenes
+CPU time of one thread, compile time apart, medians and minima over windows or repeats (`start`: of
+the whole process, `threads`: wall time).  Both paper scenes
 first evolve at their own settings (kept in a folder, for the next call).  Settings:
 
     recommended   the [solver] of the scene's file

@@ -49,7 +49,7 @@ OVERLAP, ENERGY, RECOVERED = 0.05, 0.01, 0.01
 W = Material().width
 H = 1 / 480  # s, substep unless a row has its own
 GREY = (TileType("tile", (0, 0, 0, 0), "grey", 0),)
-LOAD = 0.075  # N, the paper's drive
+LOAD = 0.075  # N, about that of the paper's scenes
 SHAKING = Drive("shaking", LOAD, 0.0, 0.33)
 
 
