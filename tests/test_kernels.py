@@ -41,6 +41,7 @@ from tbsa.kernels.contacts import (
     recall,
 )
 from tbsa.kernels.crew import empty_crew
+from tbsa.kernels.floor import EXACT, floor_impulse
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.model.layout import Layout
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
@@ -660,3 +661,19 @@ def test_the_kernels_without_the_compiler_give_the_same_numbers():
         assert same == [impacts, rows]
         assert impacts > 0
         assert np.array(slow) == pytest.approx(np.array(fast), rel=1e-12, abs=1e-14)
+
+
+# Helpers by themselves.
+
+
+def test_a_helper_called_from_python_is_not_the_copy_of_it_in_a_kernel():
+    """There it has lost the arguments that are of no use, and would take others for them."""
+    s = simulate([tile(vx=0.1)], floor=Floor(law="exact"))
+    s.advance(1)
+    mass, h = s.numbers.mass, s.numbers.h
+    bounds = s.floor.force * h, s.floor.torque * h
+    for part, taken in ((0.94, 0.94), (2.0, 1.0)):  # it stops, it slides on
+        v = part * bounds[0] / mass
+        found = floor_impulse(EXACT, 0.0, 0.0, 0.0, v, 0.0, 0.0, mass, s.numbers.inertia, *bounds,
+                              1.0, 0.0)
+        assert found == pytest.approx((-taken * bounds[0], 0.0, 0.0), rel=1e-9)

@@ -180,7 +180,7 @@ def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequenc
 
 
 def main() -> None:
-    """Print how good a unicycle the tile is, for three torques at 0.075 N and the paper's other values."""
+    """Print how good a unicycle the tile is, at 0.075 N, three torques, and the paper's values."""
     times = np.linspace(0.0, 20.0, 401)
     print("T_mag (N m)  a (m/s)  b (m/s)  omega (rad/s)  path error  heading error")
     for torque in (3e-5, 1e-4, 3e-4):

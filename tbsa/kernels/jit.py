@@ -176,11 +176,14 @@ class _Whole(JITCodeLibrary):
         """Nobody else calls the helpers: they are handed only what they need.
 
         A tuple of 25 arrays is 175 arguments otherwise, and a step of a single tile took three
-        times as long.
+        times as long.  Their names go with it: LLVM's linker takes a function that another module
+        brings along for the first of that name, internal or not, and would call this one with
+        arguments that it no longer has.
         """
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
                 function.linkage = Linkage.internal
+                function.name = f"{self.name}.{function.name}"
         super()._optimize_final_module()
 
 
@@ -233,11 +236,13 @@ def _of_numbers(function: Callable[..., Any]) -> bool:
 
 
 def _jit(function: Callable[..., Any], **options: Any) -> Any:
-    """Jit without the GIL and without the wrapper for C, which nobody calls.
+    """Jit without the GIL, without the wrapper for C, which nobody calls, and without a search for
+    arithmetic of whole arrays, which nobody writes.
 
     No fastmath: results keep to the bit across builds, and ``isnan`` tells the truth.
     """
-    return njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    return njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_rewrites=True,
+                **options)(function)
 
 
 _alone = functools.cache(_jit)

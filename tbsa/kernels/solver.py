@@ -11,7 +11,8 @@ impulse of each tile (see `floor.py`) and is solved between the passes.
 
 While many rows change, passes are over all blocks; mostly that is one.  It leaves a few rows in a
 hundred that change by more than half the tolerance; those, and the rows of the tiles that they
-move, are solved one by one until nothing changes: converged parts of the scene drop out of further passes.
+move, are solved one by one until nothing changes: converged parts of the scene drop out of further
+passes.
 """
 
 from __future__ import annotations

@@ -153,8 +153,8 @@ class _Writer:
 def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     """Write all that the next step needs, and the counters so far; `mark`: the fingerprint.
 
-    Counts of lists and of magnet pairs are left out: they are work of a process, not of the run, and
-    without them a resumed run ends in the same file as an uninterrupted one, byte for byte.
+    Counts of lists and of magnet pairs are left out: they are work of a process, not of the run,
+    and without them a resumed run ends in the same file as an uninterrupted one, byte for byte.
     """
     state, impulses = simulation.state, simulation.state.impulses
     size = int(impulses.size[0])
