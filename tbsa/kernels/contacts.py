@@ -98,7 +98,7 @@ class Rows(NamedTuple):
     of: np.ndarray  # int64, the rows of every mobile tile, each as 8 block + lane
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
-    colours: np.ndarray  # int64[ALONE], those of them that are in use, in order
+    colours: np.ndarray  # int64[ALONE], the colours in use, in order, without the last
     size: np.ndarray  # int64[2], rows, and colours in use
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
