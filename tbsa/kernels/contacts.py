@@ -88,7 +88,8 @@ class Rows(NamedTuple):
     single: np.ndarray  # int64, one a block: rows of a single point in it
     hits: np.ndarray  # int64, one a block: points that hit; then rows that changed, or are deep
     active: np.ndarray  # int64, one a block: scratch
-    queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass ...
+    queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass, or never
+    # to be, as it is not in contact ...
     now: np.ndarray  # int64, eight a block: the list of this pass, each row as 8 block + lane
     then: np.ndarray  # int64, eight a block: ... of the next
     new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
@@ -673,6 +674,9 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
         some += (1 if hit0 else 0) + (1 if hit1 else 0)
     rows.hits[block] = some
+    queued, first = rows.queued, U(block) * LANES
+    for i in range(LANES):
+        queued[first + i] = 1 if r[o + COUNT + i] == 0.0 else 0
     return some
 
 

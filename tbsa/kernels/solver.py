@@ -515,13 +515,14 @@ def floor_alone(i: int, floor: FloorLaw, k: Numbers, im: float, ii: float, c: np
 
 @inline
 def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
-    """Put the rows of a tile, if they are not there yet, on the list of the next pass."""
+    """Put the rows of a tile that are in contact, if they are not there yet, on the list of the
+    next pass."""
     if v.mobile[tile] == 0.0:
         return m
-    r, of, then, queued = rows.field, rows.of, rows.then, rows.queued
+    of, then, queued = rows.of, rows.then, rows.queued
     for p in range(rows.start[tile], rows.start[tile + 1]):
         q = of[p]
-        if queued[q] == 0 and r[U(q // 8) * BLOCK + U(q % 8) + COUNT] != 0.0:
+        if queued[q] == 0:
             queued[q] = 1
             then[m] = q
             m += 1
