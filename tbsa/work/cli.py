@@ -1,4 +1,4 @@
-"""The command ``tbsa``: run, campaign, metrics, draw, check, fit, bench, warmup.
+"""The command ``tbsa``: run, campaign, metrics, draw, movie, export, check, fit, bench, warmup.
 
 Exit codes: 0 done; 1 a run could not go on (disk, a state that is not finite); 2 bad input,
 nothing written; 130 interrupted, saved.
@@ -56,7 +56,7 @@ def _check_out(arguments: argparse.Namespace) -> None:
     """What --out names can be looked up: it is not too long, for one."""
     out: Path | None = getattr(arguments, "out", None)
     # A file is written beside its place first, under a name that is a little longer.
-    more = 20 * "_" if arguments.command in (_metrics, _draw) else ""
+    more = 20 * "_" if arguments.command in (_metrics, _draw, _movie, _export) else ""
     try:
         if out is not None:
             (out.parent / f"{out.name}{more}").exists()
@@ -122,6 +122,31 @@ def _parser() -> argparse.ArgumentParser:
                       help="png, pdf or svg (default: RUN/tTIME.png)")
     draw.add_argument("--glues", action="store_true", help="glue labels on the edges")
     draw.set_defaults(command=_draw)
+
+    movie = commands.add_parser("movie", help="film of a run",
+                                description="Draw the records of a run one after the other.")
+    movie.add_argument("run", type=Path, help="the run's folder")
+    movie.add_argument("--out", type=Path, metavar="FILE",
+                       help="gif, or mp4 with ffmpeg or the extra movie (default: RUN/movie.gif)")
+    movie.add_argument("--from", type=float, metavar="T", dest="begin",
+                       help="simulated time of the first picture in s (default: all of the run)")
+    movie.add_argument("--to", type=float, metavar="T", dest="end", help="... of the last one")
+    movie.add_argument("--every", type=int, default=1, metavar="N",
+                       help="one record in so many (default: 1)")
+    movie.add_argument("--rate", type=float, default=15.0, metavar="N",
+                       help="pictures a second (default: 15)")
+    movie.add_argument("--size", type=int, default=720, metavar="N",
+                       help="width in pixels (default: 720)")
+    movie.add_argument("--glues", action="store_true", help="glue labels on the edges")
+    movie.set_defaults(command=_movie)
+
+    export = commands.add_parser(
+        "export", help="trajectory for other programs",
+        description="Write a run's records as a GSD file, which OVITO and others read; needs the "
+        "extra gsd.")
+    export.add_argument("run", type=Path, help="the run's folder")
+    export.add_argument("--out", type=Path, metavar="FILE", help="(default: RUN/run.gsd)")
+    export.set_defaults(command=_export)
 
     check = commands.add_parser(
         "check", help="check a scene and its tile set",
@@ -375,6 +400,36 @@ def _draw(arguments: argparse.Namespace) -> int:
     draw(records.scene, records.layout, records.x[k], records.y[k], records.angle[k], path=out,
          time=time, glues=arguments.glues)
     print(f"t = {time:g} s, written to {out}")
+    return 0
+
+
+def _movie(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from tbsa.model.records import read_run
+    from tbsa.work.movie import movie
+
+    records = read_run(arguments.run)
+    out = arguments.out or arguments.run / "movie.gif"
+    with tqdm(total=1, desc="pictures", disable=None) as bar:
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        movie(records, out, begin=arguments.begin, end=arguments.end, every=arguments.every,
+              rate=arguments.rate, size=arguments.size, glues=arguments.glues, progress=show)
+    print(f"written to {out}")
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from tbsa.model.records import read_run
+    from tbsa.work.export import export
+
+    records = read_run(arguments.run)
+    out = arguments.out or arguments.run / "run.gsd"
+    export(records, out)
+    print(f"{records.time.size} records, written to {out}")
     return 0
 
 

@@ -105,7 +105,7 @@ def draw(
     InputError
         A colour that matplotlib does not know, a path of another ending or in no folder.
     """
-    target = None if path is None else _target(path)
+    file = None if path is None else target(path)
     own = Figure(figsize=(7.0, 7.3), layout="constrained") if ax is None else None
     panel = own.add_subplot() if own is not None else ax
     assert panel is not None
@@ -117,8 +117,8 @@ def draw(
         panel.legend(handles=_handles(count, True), loc="lower left", fontsize="small")
     figure = panel.get_figure(root=True)
     assert figure is not None
-    if target is not None:
-        _save(figure, target)
+    if file is not None:
+        _save(figure, file)
     return figure
 
 
@@ -146,7 +146,7 @@ def sheet(
     InputError
         As :func:`draw`; or there are no panels.
     """
-    target = None if path is None else _target(path)
+    file = None if path is None else target(path)
     if not panels:
         raise InputError("must have at least one snapshot", field="panels", value=list(panels))
     columns = min(len(panels), 3 if len(panels) in (3, 5, 6, 9) else 4)
@@ -161,8 +161,8 @@ def sheet(
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
     figure.legend(handles=_handles(marked, False), **OUTSIDE)
-    if target is not None:
-        _save(figure, target)
+    if file is not None:
+        _save(figure, file)
     return figure
 
 
@@ -185,7 +185,7 @@ def summary_figure(
     InputError
         As :func:`draw`; or there are no tables, or a snapshot of a run without a table.
     """
-    target = None if path is None else _target(path)
+    file = None if path is None else target(path)
     if not tables or not set(snapshots) <= set(tables):
         raise InputError(
             f"must name runs that have a table: {', '.join(tables) or 'there is none'}",
@@ -217,8 +217,8 @@ def summary_figure(
         ax.grid(color="#d8d8d8", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
     axes[0].legend(frameon=False)
-    if target is not None:
-        _save(figure, target)
+    if file is not None:
+        _save(figure, file)
     return figure
 
 
@@ -251,7 +251,7 @@ def _panel(
     if bonds:
         _bonds(ax, scene, x, y, angle, found, reach=0.06 if glues else 0.15)
     _dots(ax, scene, x, y, found.seed, ink)
-    _frame(ax, scene, x, y)
+    frame(ax, scene, x, y)
     ax.set_title(_title(scene, found, time, metrics))
     return _marks(ax, scene, x, y, found) if metrics else {}
 
@@ -465,7 +465,7 @@ def _reactor(ax: Axes, scene: Scene) -> None:
         ax.add_patch(Rectangle((-0.5 * w, -0.5 * h), w, h, **look))
 
 
-def _frame(ax: Axes, scene: Scene, x: Floats, y: Floats) -> None:
+def frame(ax: Axes, scene: Scene, x: Floats, y: Floats) -> None:
     """Equal axes in cm around the reactor, or around the tiles if there is none."""
     margin = CM * scene.material.width
     wall = scene.reactor
@@ -492,11 +492,11 @@ def _title(scene: Scene, found: Assembly, time: float | None, metrics: bool) -> 
     return "\n".join([*clock, ", ".join(parts)] if parts else clock)
 
 
-def _target(path: str | Path) -> Path:
-    """The path of a picture, checked before any work is done."""
+def target(path: str | Path, formats: tuple[str, ...] = FORMATS) -> Path:
+    """The path of a picture, or of another file, checked before any work is done."""
     path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"must end in {', '.join(FORMATS)}", field="path", value=str(path))
+    if path.suffix.lower() not in formats:
+        raise InputError(f"must end in {', '.join(formats)}", field="path", value=str(path))
     if not path.parent.is_dir():
         raise InputError("must be in a folder that exists", field="path", value=str(path))
     if path.is_dir():

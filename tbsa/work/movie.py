@@ -1,0 +1,201 @@
+"""A run as a film: its records drawn one after the other, as :func:`tbsa.work.draw.draw` draws one.
+
+GIF needs nothing further; MP4 needs ffmpeg, the system's or that of the extra ``movie``.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from itertools import chain
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from tbsa.errors import InputError
+from tbsa.model.records import Records, write_atomically
+from tbsa.work.draw import MARKS, draw, frame, target
+
+FORMATS = (".gif", ".mp4")
+INCHES = 7.2  # of a picture's width: text is to the tiles as it is in `draw`
+TALL = 1.07  # height over width: there is a title above
+LEAST, MOST = 200, 3840  # pixels
+COLOURS = 128  # of a GIF
+
+Picture = NDArray[np.uint8]
+
+
+def movie(
+    records: Records,
+    path: str | Path,
+    *,
+    begin: float | None = None,
+    end: float | None = None,
+    every: int = 1,
+    rate: float = 15.0,
+    size: int = 720,
+    glues: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a film of a run; returns the number of its pictures.
+
+    Parameters
+    ----------
+    records
+        Of :func:`tbsa.model.records.read_run`; a run that still goes on has a film so far.
+    path
+        A file ending in one of `FORMATS`; replaced in one go when the film is complete.
+    begin, end
+        The first and the last record (s, the nearest ones); all of the run unless given.
+    every
+        One in so many records between them.
+    rate
+        Pictures a second.
+    size
+        Width of a picture in pixels; it is a little taller.
+    glues
+        As in :func:`tbsa.work.draw.draw`.
+    progress
+        Called with the pictures drawn and their number.
+
+    Raises
+    ------
+    InputError
+        As :func:`tbsa.work.draw.draw`; or a time that is not recorded, an option out of its
+        bounds, or a ``.mp4`` without ffmpeg.
+    RuntimeError
+        Where ffmpeg fails, with what it said.
+    """
+    path = target(path, FORMATS)
+    ffmpeg = _ffmpeg(path) if path.suffix.lower() == ".mp4" else ""
+    which = chosen(records, begin, end, every)
+    if not 0.1 <= rate <= 50.0:
+        raise InputError("must be from 0.1 to 50 pictures a second", field="rate", value=rate)
+    if not LEAST <= size <= MOST:
+        raise InputError(f"must be from {LEAST} to {MOST} pixels", field="size", value=size)
+
+    def counted() -> Iterator[Picture]:
+        for done, picture in enumerate(pictures(records, which, size, glues), 1):
+            yield picture
+            if progress is not None:
+                progress(done, len(which))
+
+    if ffmpeg:
+        _mp4(counted(), path, rate, ffmpeg)
+    else:
+        # Few colours, the same in all pictures, so that what does not move is not stored again.
+        some = [which[0], which[len(which) // 2], which[-1]]
+        palette = _palette(list(pictures(records, some, size, glues)))
+        write_atomically(path, _gif(counted(), rate, palette))
+    return len(which)
+
+
+def chosen(records: Records, begin: float | None, end: float | None, every: int) -> Sequence[int]:
+    """Indices of the records from a time to another (s), one in so many.
+
+    Raises
+    ------
+    InputError
+        Where a time is not recorded, the end before the beginning, or `every` not positive.
+    """
+    first = 0 if begin is None else records.at(begin)
+    last = records.time.size - 1 if end is None else records.at(end)
+    if last < first:
+        raise InputError(f"must not be before the beginning, {records.time[first]:g} s",
+                         field="end", value=end)
+    if every < 1:
+        raise InputError("must be at least 1", field="every", value=every)
+    return range(first, last + 1, every)
+
+
+def pictures(records: Records, which: Sequence[int], size: int, glues: bool) -> Iterator[Picture]:
+    """Records drawn one after the other in the same frame, uint8[height, width, 3]."""
+    wide, tall = (2 * round(0.5 * length) for length in (size, TALL * size))  # MP4 wants even ones
+    figure = Figure(figsize=(INCHES, INCHES * tall / wide), dpi=wide / INCHES)
+    canvas: Any = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.1, 0.07, 0.885, 0.835))
+    x, y = (np.ravel(each[list(which)]) for each in (records.x, records.y))
+    for k in which:
+        ax.clear()
+        draw(records.scene, records.layout, records.x[k], records.y[k], records.angle[k], ax=ax,
+             time=float(records.time[k]), glues=glues)
+        frame(ax, records.scene, x, y)
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def _palette(samples: Sequence[Picture]) -> Image.Image:
+    """The colours of these pictures, and of marks that may come up in others."""
+    marks = np.array([to_rgb(colour) for colour, _ in MARKS.values()])
+    strip = np.repeat(np.uint8(255.0 * marks), samples[0].shape[1] // len(marks) + 1, axis=0)
+    strip = strip[None, : samples[0].shape[1]].repeat(20, axis=0)
+    return Image.fromarray(np.concatenate([*samples, strip])).quantize(COLOURS)
+
+
+def _gif(frames: Iterator[Picture], rate: float, palette: Image.Image) -> bytes:
+    """The bytes of a film that begins again at its end."""
+    few = (Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE)
+           for each in frames)
+    first, film = next(few), io.BytesIO()
+    # A GIF counts in 10 ms.
+    first.save(film, format="GIF", save_all=True, append_images=few, loop=0,
+               duration=10 * round(100.0 / rate))
+    return film.getvalue()
+
+
+def _ffmpeg(path: Path) -> str:
+    """The program, that of the system first."""
+    found = shutil.which("ffmpeg")
+    if found is not None:
+        return found
+    try:
+        return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        raise InputError("needs ffmpeg for .mp4: pip install 'tbsa[movie]', or let the name end "
+                         "in .gif", field="path", value=str(path)) from None
+
+
+def _mp4(frames: Iterator[Picture], path: Path, rate: float, ffmpeg: str) -> None:
+    """Hand the pictures to ffmpeg; H.264 in the form that every player knows."""
+    first = next(frames)
+    scratch = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
+    command = [ffmpeg, "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24",
+               "-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{rate:g}", "-i", "-",
+               "-an", "-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p",
+               "-movflags", "+faststart", str(scratch)]
+    try:
+        # A session of its own: Ctrl-C is this process's to answer.
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
+                              start_new_session=True) as process:
+            try:
+                assert process.stdin is not None
+                assert process.stderr is not None
+                _feed(process.stdin, chain([first], frames))
+                said = process.stderr.read().decode(errors="replace").strip()
+            except BaseException:
+                process.kill()
+                raise
+        if process.returncode != 0:
+            raise RuntimeError(f"{path}: ffmpeg failed: {said[-500:]}")
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def _feed(pipe: IO[bytes], frames: Iterator[Picture]) -> None:
+    try:
+        for picture in frames:
+            pipe.write(picture.tobytes())
+        pipe.close()
+    except BrokenPipeError:
+        pass  # it has ended, and says why

@@ -1,0 +1,240 @@
+"""A run as a film, and as a trajectory for other programs: true, and whole or not there."""
+
+import math
+import sys
+from pathlib import Path
+
+import gsd.hoomd
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from tbsa.errors import InputError
+from tbsa.model.layout import initial_layout
+from tbsa.model.records import Records
+from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Reactor, Scene, Seed
+from tbsa.work import movie as films
+from tbsa.work.cli import main
+from tbsa.work.export import export
+from tbsa.work.metrics import assembly
+from tbsa.work.movie import movie
+
+W, CENTRE = 0.03, -0.06
+ROUND = Reactor("circle", radius=0.15)
+SEED = Seed(((0, 0, "black"), (1, 0, "white"), (0, 1, "white")))
+TILES = (PlacedTile("black", (W, W)), PlacedTile("black", (CENTRE, CENTRE)))
+
+
+def records(reactor=ROUND, count=6):
+    """A free black tile that goes to the right by half its width a record, turning; one a second.
+
+    Another one is attached to the seed all the time.
+    """
+    scene = Scene(types=SETS["chessboard"], seed=SEED, free=Free(tiles=TILES), reactor=reactor,
+                  magnet=Magnet())
+    layout = initial_layout(scene)
+    k = np.arange(float(count))[:, None]
+    mine = np.where(layout.y < 0.0, 1.0, 0.0)
+    still = np.zeros((count, mine.size))
+    return Records(scene, layout, k[:, 0], layout.x + 0.5 * W * k * mine, layout.y + still,
+                   layout.angle + 0.1 * k * mine, still + 0.5 * W * mine, still, still + 0.1 * mine)
+
+
+def pictures_of(path):
+    """The pictures of a film as arrays uint8[height, width, 3], and its pictures a second."""
+    if path.suffix == ".gif":
+        with Image.open(path) as film:
+            found = []
+            for k in range(film.n_frames):
+                film.seek(k)
+                found.append(np.asarray(film.convert("RGB")))
+            return found, 1000.0 / film.info["duration"]
+    frames = imageio_ffmpeg.read_frames(path)
+    about = next(frames)
+    width, height = about["size"]
+    return ([np.frombuffer(each, np.uint8).reshape(height, width, 3) for each in frames],
+            about["fps"])
+
+
+def grey_of_the_free_black_tile(picture):
+    """Where in a picture (pixels) the colour of a black tile that is not attached is."""
+    dark = np.abs(picture.astype(int) - picture.mean(axis=2, keepdims=True)).max(axis=2) < 12
+    shade = picture.mean(axis=2)
+    rows, columns = np.nonzero(dark & (shade > 115) & (shade < 145))
+    return np.median(columns), np.median(rows), columns.size
+
+
+@pytest.mark.parametrize("name", ["run.gif", "run.mp4", "RUN.GIF"])
+def test_a_film_has_a_picture_of_every_record_in_their_order(tmp_path, name):
+    shown = []
+    count = movie(records(), tmp_path / name, rate=10.0, size=400,
+                  progress=lambda done, total: shown.append((done, total)))
+    found, rate = pictures_of(tmp_path / name) if name != "RUN.GIF" else pictures_of(
+        (tmp_path / name).rename(tmp_path / "run.gif"))
+    assert count == len(found) == 6
+    assert shown == [(k, 6) for k in range(1, 7)]
+    assert rate == pytest.approx(10.0)
+    assert {each.shape for each in found} == {(428, 400, 3)}
+    places = [grey_of_the_free_black_tile(each) for each in found]
+    # The axes show 2 x 1.02 x 15 cm in 0.885 of the width, or less: as high as they are wide.
+    pixel = 2.0 * 1.02 * 0.15 / (0.885 * 400)
+    steps = np.diff([x for x, _, _ in places]) * pixel / (0.5 * W)
+    np.testing.assert_allclose(steps, 1.0, atol=0.12)
+    assert np.ptp([y for _, y, _ in places]) <= 1.0
+    assert [path.name for path in tmp_path.iterdir()] == [name if name != "RUN.GIF" else "run.gif"]
+
+
+def test_part_of_a_run_is_chosen_by_time_and_by_how_many_records_are_left_out(tmp_path):
+    run = records(count=21)
+    for options, times in (({"begin": 4.9, "end": 11.2}, range(5, 12)),
+                           ({"every": 7}, (0, 7, 14)),
+                           ({"begin": 3.0, "every": 4, "end": 11.0}, (3, 7, 11)),
+                           ({"begin": 20.0}, (20,))):
+        assert list(films.chosen(run, options.get("begin"), options.get("end"),
+                                 options.get("every", 1))) == list(times)
+        assert movie(run, tmp_path / "run.gif", size=200, **options) == len(times)
+        assert len(pictures_of(tmp_path / "run.gif")[0]) == len(times)
+
+
+def test_without_a_reactor_all_pictures_show_the_same_place():
+    """Axes about the tiles of each picture alone would move with them."""
+    run = records(reactor=None, count=5)
+    found = [grey_of_the_free_black_tile(each)
+             for each in films.pictures(run, range(5), 400, False)]
+    assert np.ptp(np.diff([x for x, _, _ in found])) <= 2.0
+    assert np.ptp([y for _, y, _ in found]) <= 1.0
+
+
+def test_what_comes_up_in_a_single_picture_keeps_its_colour(tmp_path):
+    """The few colours of a GIF have room for marks that its first and last picture have not got."""
+    run = records(count=4)
+    run.x[2, -1], run.y[2, -1], run.angle[2, -1] = 2.0 * W, 0.0, 0.0  # bonded by one edge only
+    assert assembly(run.scene, run.layout, run.x[2], run.y[2], run.angle[2]).outside.sum() == 1
+    movie(run, tmp_path / "run.gif", size=500)
+    blue = np.array([33, 102, 172])
+    counts = [int((np.abs(each.astype(int) - blue).max(axis=2) < 16).sum())
+              for each in pictures_of(tmp_path / "run.gif")[0]]
+    assert counts[2] > 50
+    assert counts[0] == counts[1] == counts[3] == 0
+
+
+@pytest.mark.parametrize("name", ["run.gif", "run.mp4"])
+def test_a_film_that_is_broken_off_leaves_the_one_before(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(b"before")
+
+    def stop(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        movie(records(), path, size=300, progress=stop)
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_ffmpeg_says_is_passed_on(tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such codec')\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(RuntimeError, match=r"run\.mp4: ffmpeg failed: no such codec"):
+        movie(records(), tmp_path / "run.mp4")
+    assert list(tmp_path.iterdir()) == [program]
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"rate": 0.0}, "rate: 0.0 must be from 0.1 to 50"),
+    ({"rate": math.nan}, "rate: nan must be"),
+    ({"size": 199}, "size: 199 must be from 200 to 3840"),
+    ({"every": 0}, "every: 0 must be at least 1"),
+    ({"begin": 3.0, "end": 2.0}, "end: 2.0 must not be before the beginning, 3 s"),
+    ({"end": 7.0}, "time: 7.0 is not recorded: this run holds 0 to 5 s"),
+])
+def test_options_out_of_their_bounds_are_refused(tmp_path, options, words):
+    with pytest.raises(InputError, match=words):
+        movie(records(), tmp_path / "run.gif", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_program_or_package_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setitem(sys.modules, "gsd.hoomd", None)
+    with pytest.raises(InputError, match=r"needs ffmpeg for \.mp4: pip install 'tbsa\[movie\]'"):
+        movie(records(), tmp_path / "run.mp4")
+    with pytest.raises(InputError, match=r"needs the package gsd: pip install 'tbsa\[gsd\]'"):
+        export(records(), tmp_path / "run.gsd")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("reactor", "box"), [
+    (ROUND, (0.3, 0.3)),
+    (Reactor("rectangle", width=0.4, height=0.5), (0.4, 0.5)),
+    (None, None),
+])
+def test_a_trajectory_says_what_the_records_say(tmp_path, reactor, box):
+    run = records(reactor)
+    export(run, tmp_path / "run.gsd")
+    with gsd.hoomd.open(tmp_path / "run.gsd", "r") as file:
+        frames = list(file)
+    assert len(frames) == 6
+    for k, frame in enumerate(frames):
+        tiles, cell = frame.particles, frame.configuration.box
+        assert frame.configuration.step == k * 480  # of 1/480 s
+        assert frame.configuration.dimensions == 2
+        np.testing.assert_allclose(tiles.position, np.stack([run.x[k], run.y[k], 0 * run.x[k]], 1),
+                                   atol=1e-7)
+        assert (2.0 * np.abs(tiles.position[:, :2]) <= cell[:2]).all()
+        if box is not None:
+            np.testing.assert_allclose(cell[:2], box, rtol=1e-6)
+        # A quaternion (w, x, y, z) turns x to where the tile's own x is.
+        w, x, y, z = tiles.orientation.T
+        np.testing.assert_allclose(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+                                   run.angle[k], atol=1e-6)
+        np.testing.assert_allclose(tiles.velocity[:, 0], run.vx[k], rtol=1e-6)
+        np.testing.assert_allclose(tiles.mass, 0.016, rtol=1e-6)
+        np.testing.assert_allclose(tiles.moment_inertia[:, 2], 0.016 * W**2 / 6, rtol=1e-6)
+        assert [tiles.types[i] for i in tiles.typeid] == [
+            run.scene.types[i].name for i in run.layout.type]
+        corners = np.array(tiles.type_shapes[0]["vertices"])
+        assert np.ptp(corners, axis=0) == pytest.approx([W, W])
+        assert frame.log["time"] == pytest.approx([float(k)])
+        assert frame.log["size"] == [1]
+        assert list(frame.log["particles/held"]) == list(run.layout.held)
+        np.testing.assert_allclose(frame.log["particles/spin"], run.omega[k])
+
+
+def test_the_commands_write_into_the_runs_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text("""
+[tiles]
+set = "chessboard"
+[[free.tile]]
+type = "black"
+position = [0.0, 0.0]
+velocity = [0.1, 0.0]
+[record]
+interval = 0.1
+checkpoint = 0.5
+[run]
+duration = 0.5
+""")
+    assert main(["run", "scene.toml", "--out", "run", "--quiet"]) == 0
+    assert main(["movie", "run", "--from", "0.1", "--to", "0.4", "--size", "300"]) == 0
+    assert main(["export", "run"]) == 0
+    assert len(pictures_of(Path("run/movie.gif"))[0]) == 4
+    assert Path("run/run.gsd").exists()
+    assert "written to run/movie.gif" in capsys.readouterr().out
+    before = sorted(tmp_path.rglob("*"))
+    for arguments, words in (
+            (["movie", "run", "--out", "a.avi"], "must end in .gif, .mp4"),
+            (["movie", "run", "--to", "0.6"], "time: 0.6 is not recorded"),
+            (["movie", "run", "--out", "no/a.gif"], "must be in a folder that exists"),
+            (["movie", "run", "--out", 250 * "x" + ".gif"], "must be a path that can be written"),
+            (["export", "run", "--out", "run"], "must end in .gsd"),
+            (["export", "."], "is not the folder of a run")):
+        assert main(arguments) == 2
+        assert words in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
