@@ -1,7 +1,11 @@
-"""A run as a film, and as a trajectory for other programs: true, and whole or not there."""
+"""A run as a film, a page, and a trajectory for other programs: true, and whole or not there."""
 
+import base64
+import json
 import math
+import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gsd.hoomd
@@ -19,6 +23,7 @@ from tbsa.work.cli import main
 from tbsa.work.export import export
 from tbsa.work.metrics import assembly
 from tbsa.work.movie import movie
+from tbsa.work.viewer import view
 
 W, CENTRE = 0.03, -0.06
 ROUND = Reactor("circle", radius=0.15)
@@ -91,8 +96,8 @@ def test_part_of_a_run_is_chosen_by_time_and_by_how_many_records_are_left_out(tm
                            ({"every": 7}, (0, 7, 14)),
                            ({"begin": 3.0, "every": 4, "end": 11.0}, (3, 7, 11)),
                            ({"begin": 20.0}, (20,))):
-        assert list(films.chosen(run, options.get("begin"), options.get("end"),
-                                 options.get("every", 1))) == list(times)
+        assert list(run.chosen(options.get("begin"), options.get("end"),
+                               options.get("every", 1))) == list(times)
         assert movie(run, tmp_path / "run.gif", size=200, **options) == len(times)
         assert len(pictures_of(tmp_path / "run.gif")[0]) == len(times)
 
@@ -169,6 +174,64 @@ def test_a_missing_program_or_package_is_named(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def shown_on(page):
+    """What a page has to show, as its script decodes it: the data, places and angles, states."""
+    text = page.read_text(encoding="utf-8")
+    (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    run = json.loads(data)
+    n = len(run["type"])
+    raw = np.frombuffer(base64.b64decode(run["poses"]), "<u2").reshape(-1, n, 3)
+    pose = np.stack([run["low"][0] + run["span"] * raw[..., 0] / 65535,
+                     run["low"][1] + run["span"] * raw[..., 1] / 65535,
+                     2.0 * np.pi * raw[..., 2] / 65536])
+    return run, pose, np.frombuffer(base64.b64decode(run["states"]), np.uint8).reshape(-1, n)
+
+
+@pytest.mark.parametrize("reactor", [ROUND, Reactor("rectangle", width=0.4, height=0.5), None])
+def test_a_page_shows_what_the_records_say(tmp_path, reactor):
+    run = records(reactor)
+    run.angle[:, -1] -= 40.0  # rad: many turns, the other way
+    assert view(run, tmp_path / "run.html", begin=1.0, every=2) == 3
+    data, (x, y, angle), states = shown_on(tmp_path / "run.html")
+    which = [1, 3, 5]
+    assert data["time"] == [1.0, 3.0, 5.0]
+    fine = data["span"] / 65535
+    np.testing.assert_allclose(x, run.x[which], atol=0.51 * fine)
+    np.testing.assert_allclose(y, run.y[which], atol=0.51 * fine)
+    np.testing.assert_allclose(np.exp(1j * angle), np.exp(1j * run.angle[which]), atol=1e-4)
+    assert fine < 1e-3 * W
+    assert [data["types"][k]["name"] for k in data["type"]] == [
+        run.scene.types[k].name for k in run.layout.type]
+    assert (states[:, run.layout.seed] == 2).all()
+    assert (states[:, ~run.layout.seed] == [1, 0]).all()  # attached, and free
+    assert data["size"] == [1, 1, 1]
+    assert data["wall"] == (None if reactor is None else {
+        "radius": reactor.radius, "width": reactor.width, "height": reactor.height})
+
+
+def test_a_page_marks_holes_and_what_is_outside_the_pattern(tmp_path):
+    run = records(count=2)
+    run.x[1, -1], run.y[1, -1], run.angle[1, -1] = 2.0 * W, 0.0, 0.0  # bonded by one edge only
+    view(run, tmp_path / "run.html")
+    data, _, states = shown_on(tmp_path / "run.html")
+    (outside,) = [mark["bit"] for mark in data["marks"] if mark["corners"] == 3]
+    assert states[0, -1] == 0
+    assert states[1, -1] & outside
+    found = assembly(run.scene, run.layout, run.x[1], run.y[1], run.angle[1])
+    assert [len(sites) for sites in data["sites"]] == data["holes"]
+    assert data["holes"][1] == found.holes
+
+
+def test_no_title_gets_out_of_its_place_in_the_page(tmp_path):
+    run = records()
+    title = "a </script><script>alert(1)</script> & <b> __DATA__"
+    view(replace(run, scene=replace(run.scene, title=title)), tmp_path / "run.html")
+    assert shown_on(tmp_path / "run.html")[0]["title"] == title
+    text = (tmp_path / "run.html").read_text()
+    assert text.count("</script>") == 2
+    assert "<title>a &lt;/script&gt;" in text
+
+
 @pytest.mark.parametrize(("reactor", "box"), [
     (ROUND, (0.3, 0.3)),
     (Reactor("rectangle", width=0.4, height=0.5), (0.4, 0.5)),
@@ -223,8 +286,10 @@ duration = 0.5
 """)
     assert main(["run", "scene.toml", "--out", "run", "--quiet"]) == 0
     assert main(["movie", "run", "--from", "0.1", "--to", "0.4", "--size", "300"]) == 0
+    assert main(["view", "run", "--every", "2"]) == 0
     assert main(["export", "run"]) == 0
     assert len(pictures_of(Path("run/movie.gif"))[0]) == 4
+    assert len(shown_on(Path("run/view.html"))[0]["time"]) == 3
     assert Path("run/run.gsd").exists()
     assert "written to run/movie.gif" in capsys.readouterr().out
     before = sorted(tmp_path.rglob("*"))
@@ -233,6 +298,8 @@ duration = 0.5
             (["movie", "run", "--to", "0.6"], "time: 0.6 is not recorded"),
             (["movie", "run", "--out", "no/a.gif"], "must be in a folder that exists"),
             (["movie", "run", "--out", 250 * "x" + ".gif"], "must be a path that can be written"),
+            (["view", "run", "--out", "a.htm"], "must end in .html"),
+            (["view", "run", "--every", "-1"], "every: -1 must be at least 1"),
             (["export", "run", "--out", "run"], "must end in .gsd"),
             (["export", "."], "is not the folder of a run")):
         assert main(arguments) == 2

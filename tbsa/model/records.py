@@ -23,7 +23,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -72,6 +72,23 @@ class Records:
             raise InputError(f"is not recorded: this run holds {first:g} to {last:g} s",
                              field="time", value=time)
         return int(np.argmin(np.abs(self.time - time)))
+
+    def chosen(self, begin: float | None, end: float | None, every: int) -> Sequence[int]:
+        """Indices of the records from a time to another (s), one in so many; None: no bound.
+
+        Raises
+        ------
+        InputError
+            Where a time is not recorded, the end before the beginning, or `every` not positive.
+        """
+        first = 0 if begin is None else self.at(begin)
+        last = self.time.size - 1 if end is None else self.at(end)
+        if last < first:
+            raise InputError(f"must not be before the beginning, {self.time[first]:g} s",
+                             field="end", value=end)
+        if every < 1:
+            raise InputError("must be at least 1", field="every", value=every)
+        return range(first, last + 1, every)
 
 
 def write_atomically(path: Path, data: bytes) -> None:

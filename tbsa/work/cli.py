@@ -1,4 +1,5 @@
-"""The command ``tbsa``: run, campaign, metrics, draw, movie, export, check, fit, bench, warmup.
+"""The command ``tbsa``: run, campaign, metrics, draw, movie, view, export,
+check, fit, bench, warmup.
 
 Exit codes: 0 done; 1 a run could not go on (disk, a state that is not finite); 2 bad input,
 nothing written; 130 interrupted, saved.
@@ -56,7 +57,7 @@ def _check_out(arguments: argparse.Namespace) -> None:
     """What --out names can be looked up: it is not too long, for one."""
     out: Path | None = getattr(arguments, "out", None)
     # A file is written beside its place first, under a name that is a little longer.
-    more = 20 * "_" if arguments.command in (_metrics, _draw, _movie, _export) else ""
+    more = 20 * "_" if arguments.command in (_metrics, _draw, _movie, _view, _export) else ""
     try:
         if out is not None:
             (out.parent / f"{out.name}{more}").exists()
@@ -128,17 +129,25 @@ def _parser() -> argparse.ArgumentParser:
     movie.add_argument("run", type=Path, help="the run's folder")
     movie.add_argument("--out", type=Path, metavar="FILE",
                        help="gif, or mp4 with ffmpeg or the extra movie (default: RUN/movie.gif)")
-    movie.add_argument("--from", type=float, metavar="T", dest="begin",
-                       help="simulated time of the first picture in s (default: all of the run)")
-    movie.add_argument("--to", type=float, metavar="T", dest="end", help="... of the last one")
-    movie.add_argument("--every", type=int, default=1, metavar="N",
-                       help="one record in so many (default: 1)")
     movie.add_argument("--rate", type=float, default=15.0, metavar="N",
                        help="pictures a second (default: 15)")
     movie.add_argument("--size", type=int, default=720, metavar="N",
                        help="width in pixels (default: 720)")
     movie.add_argument("--glues", action="store_true", help="glue labels on the edges")
     movie.set_defaults(command=_movie)
+
+    view = commands.add_parser("view", help="page of a run, for a browser",
+                               description="Write a page on which to play a run, look closer and "
+                               "follow a tile; one file, which any browser opens.")
+    view.add_argument("run", type=Path, help="the run's folder")
+    view.add_argument("--out", type=Path, metavar="FILE", help="(default: RUN/view.html)")
+    view.set_defaults(command=_view)
+    for each in (movie, view):
+        each.add_argument("--from", type=float, metavar="T", dest="begin",
+                          help="simulated time of the first record in s (default: all of the run)")
+        each.add_argument("--to", type=float, metavar="T", dest="end", help="... of the last one")
+        each.add_argument("--every", type=int, default=1, metavar="N",
+                          help="one record in so many (default: 1)")
 
     export = commands.add_parser(
         "export", help="trajectory for other programs",
@@ -419,6 +428,17 @@ def _movie(arguments: argparse.Namespace) -> int:
         movie(records, out, begin=arguments.begin, end=arguments.end, every=arguments.every,
               rate=arguments.rate, size=arguments.size, glues=arguments.glues, progress=show)
     print(f"written to {out}")
+    return 0
+
+
+def _view(arguments: argparse.Namespace) -> int:
+    from tbsa.model.records import read_run
+    from tbsa.work.viewer import view
+
+    records = read_run(arguments.run)
+    out = arguments.out or arguments.run / "view.html"
+    count = view(records, out, begin=arguments.begin, end=arguments.end, every=arguments.every)
+    print(f"{count} records, written to {out}: open it in a browser")
     return 0
 
 

@@ -233,24 +233,24 @@ def _panel(
 ) -> dict[str, int]:
     """One record in one pair of axes; how many there are of each of `MARKS` that occurs."""
     layout, time = record.layout, record.time
-    colour = _colours(scene)[layout.type]
+    colour = colours(scene)[layout.type]
     found = assembly(scene, layout, record.x, record.y, record.angle)
     x, y, angle = (np.asarray(each, dtype=np.float64) for each in record[1:4])
     member = found.attached | found.seed if metrics else np.ones_like(found.seed)
 
     _reactor(ax, scene)
-    shown = np.where(member[:, None], colour, _faded(colour))
-    ink = np.where(_luminance(shown)[:, None] > 0.4, to_rgb("#202020"), to_rgb("#f4f4f4"))
+    shown = np.where(member[:, None], colour, faded(colour))
+    marks = ink(shown)
     _tiles(ax, scene, x, y, angle, shown, member)
     if headings:
         driven = np.array([kind.family != 0 for kind in scene.types])[layout.type] & ~layout.held
         size = 0.7 if glues else 1.0
-        _headings(ax, scene, layout, x, y, angle, driven, ink, size)
+        _headings(ax, scene, layout, x, y, angle, driven, marks, size)
     if glues:
-        _labels(ax, scene, layout, x, y, angle, ink)
+        _labels(ax, scene, layout, x, y, angle, marks)
     if bonds:
         _bonds(ax, scene, x, y, angle, found, reach=0.06 if glues else 0.15)
-    _dots(ax, scene, x, y, found.seed, ink)
+    _dots(ax, scene, x, y, found.seed, marks)
     frame(ax, scene, x, y)
     ax.set_title(_title(scene, found, time, metrics))
     return _marks(ax, scene, x, y, found) if metrics else {}
@@ -275,20 +275,21 @@ def check_colours(scene: Scene) -> None:
             )
 
 
-def _colours(scene: Scene) -> Floats:
+def colours(scene: Scene) -> Floats:
     """float64[types, 3]: red, green and blue of every tile type."""
     check_colours(scene)
     return np.array([to_rgb(kind.colour) for kind in scene.types])
 
 
-def _faded(colour: Floats) -> Floats:
+def faded(colour: Floats) -> Floats:
     """Colours mixed with the floor's."""
     return (1.0 - FADE) * colour + FADE * np.array(to_rgb(FLOOR))
 
 
-def _luminance(colour: Floats) -> Floats:
-    """Brightness of colours float64[n, 3] in grey print (ITU-R BT.709), 0 to 1."""
-    return np.asarray(colour @ np.array([0.2126, 0.7152, 0.0722]))
+def ink(colour: Floats) -> Floats:
+    """Dark or light, float64[n, 3], what shows on such colours, by their brightness (BT.709)."""
+    bright = colour @ np.array([0.2126, 0.7152, 0.0722]) > 0.4
+    return np.where(bright[:, None], to_rgb("#202020"), to_rgb("#f4f4f4"))
 
 
 def _stamp(
@@ -465,17 +466,21 @@ def _reactor(ax: Axes, scene: Scene) -> None:
         ax.add_patch(Rectangle((-0.5 * w, -0.5 * h), w, h, **look))
 
 
-def frame(ax: Axes, scene: Scene, x: Floats, y: Floats) -> None:
-    """Equal axes in cm around the reactor, or around the tiles if there is none."""
-    margin = CM * scene.material.width
+def extent(scene: Scene, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest x and y (cm) of the reactor, or of the tiles if there is none."""
     wall = scene.reactor
     if wall is None:
+        margin = CM * scene.material.width
         low = CM * np.array([x.min(initial=np.inf), y.min(initial=np.inf)]) - margin
-        high = CM * np.array([x.max(initial=-np.inf), y.max(initial=-np.inf)]) + margin
-    else:
-        half = [wall.radius] * 2 if wall.shape == "circle" else [wall.width / 2, wall.height / 2]
-        high = 1.02 * CM * np.array(half)
-        low = -high
+        return low, CM * np.array([x.max(initial=-np.inf), y.max(initial=-np.inf)]) + margin
+    half = [wall.radius] * 2 if wall.shape == "circle" else [wall.width / 2, wall.height / 2]
+    high = 1.02 * CM * np.array(half)
+    return -high, high
+
+
+def frame(ax: Axes, scene: Scene, x: Floats, y: Floats) -> None:
+    """Equal axes in cm around it."""
+    low, high = extent(scene, x, y)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     ax.set(xlabel="x (cm)", ylabel="y (cm)")
 

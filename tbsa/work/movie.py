@@ -78,7 +78,7 @@ def movie(
     """
     path = target(path, FORMATS)
     ffmpeg = _ffmpeg(path) if path.suffix.lower() == ".mp4" else ""
-    which = chosen(records, begin, end, every)
+    which = records.chosen(begin, end, every)
     if not 0.1 <= rate <= 50.0:
         raise InputError("must be from 0.1 to 50 pictures a second", field="rate", value=rate)
     if not LEAST <= size <= MOST:
@@ -98,24 +98,6 @@ def movie(
         palette = _palette(list(pictures(records, some, size, glues)))
         write_atomically(path, _gif(counted(), rate, palette))
     return len(which)
-
-
-def chosen(records: Records, begin: float | None, end: float | None, every: int) -> Sequence[int]:
-    """Indices of the records from a time to another (s), one in so many.
-
-    Raises
-    ------
-    InputError
-        Where a time is not recorded, the end before the beginning, or `every` not positive.
-    """
-    first = 0 if begin is None else records.at(begin)
-    last = records.time.size - 1 if end is None else records.at(end)
-    if last < first:
-        raise InputError(f"must not be before the beginning, {records.time[first]:g} s",
-                         field="end", value=end)
-    if every < 1:
-        raise InputError("must be at least 1", field="every", value=every)
-    return range(first, last + 1, every)
 
 
 def pictures(records: Records, which: Sequence[int], size: int, glues: bool) -> Iterator[Picture]:
