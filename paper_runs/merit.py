@@ -114,16 +114,17 @@ def _beside(drives: Drives) -> list[str]:
 
 
 def _walls(folder: Path, drives: Drives) -> list[str]:
-    wall = walls(folder)
-    hours = {drive: float(wall.reindex(table["run"]).sum()) / 3600.0
-             for drive, table in drives.items()}
-    total = sum(hours.values())
+    wall = {drive: walls(folder).reindex(table["run"]).dropna() for drive, table in drives.items()}
+    total = sum(float(each.sum()) for each in wall.values()) / 3600.0
     if not total:
         return []
-    parts = ", ".join(f"{drive} {each:.2f} h ({100 * each / total:.0f} %)"
-                      for drive, each in hours.items())
+    parts = ", ".join(
+        f"{drive} {each.sum() / 3600.0:.2f} h ({each.sum() / 36.0 / total:.0f} %; half of its runs "
+        f"took less than {each.median() / 60.0:.1f} min)" for drive, each in wall.items()
+        if len(each))
     return ["", f"Wall time of the runs, one core each: {total:.2f} h, which is {total / 2:.2f} h "
-            f"on 2 cores: {parts}."]
+            f"on 2 cores: {parts}.  A run that was stopped for a while on a busy machine counts "
+            "that time, too."]
 
 
 def report(folder: Path, plan: Path) -> str:

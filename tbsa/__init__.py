@@ -32,6 +32,9 @@ _HOME = {
     "campaign": "tbsa.work.campaign",
     "table": "tbsa.work.metrics",
     "draw": "tbsa.work.draw",
+    "movie": "tbsa.work.movie",
+    "view": "tbsa.work.viewer",
+    "export": "tbsa.work.export",
 }
 __all__ = sorted(_HOME)
 
@@ -49,8 +52,11 @@ if TYPE_CHECKING:
     from tbsa.model.simulation import SimulationError as SimulationError
     from tbsa.work.campaign import campaign as campaign
     from tbsa.work.draw import draw as draw
+    from tbsa.work.export import export as export
     from tbsa.work.metrics import assembly as assembly
     from tbsa.work.metrics import table as table
+    from tbsa.work.movie import movie as movie
+    from tbsa.work.viewer import view as view
 
 
 def __getattr__(name: str) -> Any:

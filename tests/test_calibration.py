@@ -624,7 +624,8 @@ def test_merit_works_with_some_of_the_runs_and_says_what_is_missing(tmp_path, ca
     assert "4 of 72 planned runs are done, 0 failed, 68 are missing." in text
     assert "this is preliminary" in text
     assert "Wall time of the runs, one core each: 0.01 h" in text
-    assert "self-stabilizing 0.01 h (50 %), shaking 0.01 h (50 %)" in text
+    for drive in ("self-stabilizing", "shaking"):
+        assert f"{drive} 0.01 h (50 %; half of its runs took less than 0.2 min)" in text
 
 
 @pytest.mark.parametrize("seeds", [0, 1])
