@@ -271,6 +271,7 @@ def test_what_cannot_be_fitted_is_an_error():
             ((LAW, R, TRUE), {"fixed": {"gamma": 1}}, "not a parameter of law"),
             ((LAW, R, TRUE), {"bounds": {"beta": (1, 0)}}, "rising order"),
             ((LAW, R, TRUE), {"loss": "absolute"}, "loss must be one of"),
+            ((models("centre", nearest=0.0)["cuboid"], R, TRUE), {}, "no height is left"),
             ((models()["power"], [0.0, 1.0, 2.0], [3.0, 2.0, 1.0]), {}, "not finite")):
         with pytest.raises(ValueError, match=message):
             fit(*arguments, **options)

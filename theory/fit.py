@@ -325,6 +325,10 @@ def fit(
     if f.size <= free.sum():
         raise ValueError(f"{f.size} points; {free.sum()} free parameters need at least "
                          f"{free.sum() + 1}")
+    for p in model.parameters:
+        if not p.low < p.high:
+            raise ValueError(f"no {p.name} is left: it is at least {p.low:g} {p.unit}, and no more "
+                             f"than the least centre distance, {p.high:g} {p.unit}")
     limits = [given.get(p.name, (None, None)) for p in model.parameters]
     low = np.array([p.low if a is None else a
                     for p, (a, _) in zip(model.parameters, limits, strict=True)])
