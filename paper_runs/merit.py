@@ -30,7 +30,15 @@ from paper_runs.intervals import (
     slopes,
 )
 from paper_runs.paper import DURATION, END, RUNS, SELF, SHAKING, Figure
-from paper_runs.tables import against_plan, command, curves, load, markdown, walls
+from paper_runs.tables import (
+    against_plan,
+    command,
+    curves,
+    last_third,
+    load,
+    markdown,
+    walls,
+)
 
 Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
 HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
@@ -94,7 +102,7 @@ def growth(folder: Path, table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, n
     return early, late, late * (100.0 * end / 3 / size if size else math.nan)
 
 
-def _beside(drives: Drives) -> list[str]:
+def _beside(folder: Path, drives: Drives) -> list[str]:
     """What stands beside the paper's figures."""
     lines = []
     for drive, table in drives.items():
@@ -102,15 +110,17 @@ def _beside(drives: Drives) -> list[str]:
             continue
         n = len(table)
         line = [drive, f"{number(table['size'].std())}" if n > 1 else "–",
-                f"{table['size'].min():.0f} to {table['size'].max():.0f}"]
+                f"{table['size'].min():.0f} to {table['size'].max():.0f}",
+                mean(last_third(folder, table))]
         line += [str(share(int((table[name] > 0).sum()), n).scaled(100.0))
                  for name in ("errors", "holes")]
         line += [number(float(table[name].mean())) if name in table else "–"
                  for name in ("total", "size_contact", "wrongly_turned", "off_lattice")]
         lines.append(line)
     return markdown(("at the end", "size, standard deviation", "size, from to",
-                     "% of runs with an error", "% of runs with a hole", "with the seed",
-                     "by contact", "wrongly turned", "off the lattice"), lines)
+                     "size, mean of the last third (95 %)", "% of runs with an error",
+                     "% of runs with a hole", "with the seed", "by contact", "wrongly turned",
+                     "off the lattice"), lines)
 
 
 def _walls(folder: Path, drives: Drives) -> list[str]:
@@ -123,7 +133,7 @@ def _walls(folder: Path, drives: Drives) -> list[str]:
         f"took less than {each.median() / 60.0:.1f} min)" for drive, each in wall.items()
         if len(each))
     return ["", f"Wall time of the runs, one core each: {total:.2f} h, which is {total / 2:.2f} h "
-            f"on 2 cores: {parts}.  A run that was stopped for a while on a busy machine counts "
+            f"on 2 cores: {parts}. A run that was stopped for a while on a busy machine counts "
             "that time, too."]
 
 
@@ -145,7 +155,7 @@ def report(folder: Path, plan: Path) -> str:
         (what, figure.text, _range(figure), f"{ours} {unit}".strip(), ours.n,
          "–" if short else figure.verdict(ours))
         for what, figure, ours, unit in rows(folder, drives)])]
-    return "\n".join([*lines, "", RULES, "", *_beside(drives), *_walls(folder, drives), ""])
+    return "\n".join([*lines, "", RULES, "", *_beside(folder, drives), *_walls(folder, drives), ""])
 
 
 def _range(figure: Figure) -> str:

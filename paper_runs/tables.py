@@ -193,6 +193,14 @@ def curves(folder: Path, rows: pd.DataFrame, column: str) -> tuple[np.ndarray, n
     return times.to_numpy(dtype=float), wide.reindex(rows["run"]).to_numpy(dtype=float)
 
 
+def last_third(folder: Path, rows: pd.DataFrame) -> list[float]:
+    """The mean size of every run over the last third of its records' times."""
+    sizes = records(folder, rows, "size")
+    end = sizes.groupby("run")["time"].max()
+    late = sizes[sizes["time"] > 2.0 / 3.0 * sizes["run"].map(end)]
+    return [float(each) for each in late.groupby("run")["size"].mean().reindex(rows["run"])]
+
+
 def walls(folder: Path) -> pd.Series[Any]:
     """The wall time of runs (s), by their names; of none where it was not kept."""
     path = folder / "wall.csv"

@@ -24,7 +24,7 @@ from paper_runs import calibrate, intervals, keep, merit, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
 from paper_runs.paper import DURATION, LESS, MORE, SELF
 from paper_runs.paper import SHAKING as SHAKEN
-from paper_runs.tables import HERE, against_plan, load, read
+from paper_runs.tables import HERE, against_plan, last_third, load, read
 from tbsa.model.layout import initial_layout
 from tbsa.model.scene import Run
 from tbsa.model.tiles import check, ground_truth
@@ -775,7 +775,8 @@ def stepped(shift, spread):
 
     def metrics(each):
         half = each.scene.solver.step < 1 / 180
-        return ending(each, max(100 + shift * half + spread * random.standard_normal(), 0.0))
+        return ending(each, max(100 + shift * half + spread * random.standard_normal(), 0.0),
+                      interval=10.0, slope=0.02)
     return metrics
 
 
@@ -784,11 +785,19 @@ def stepped(shift, spread):
 def test_the_step_study_judges_the_difference(tmp_path, shift, spread, words):
     tables(HERE / "step.toml", tmp_path, stepped(shift, spread))
     table = load(tmp_path)
-    _, verdicts = step_study.study(table)
-    assert [row[0] for row in verdicts] == [SELF, SHAKEN]
-    for row in verdicts:
-        arms = [table[(table["drive"] == row[0]) & (table["solver.step"] == step)]["size"]
-                for step in sorted(set(table["solver.step"]))]
+    late = last_third(tmp_path, table)
+    records = pd.read_csv(tmp_path / "curves.csv")
+    for run, found in zip(table["run"][:3], late, strict=False):
+        mine = records[(records["run"] == run) & (records["time"] > 200.0)]
+        assert found == pytest.approx(mine["size"].mean())
+    table = table.assign(late=late)
+    _, verdicts = step_study.study(table, late)
+    assert [row[:2] for row in verdicts] == [
+        (drive, what) for drive in (SELF, SHAKEN) for what in step_study.MEASURES]
+    for drive, what, *row in verdicts:
+        arms = [table[(table["drive"] == drive) & (table["solver.step"] == step)][
+            step_study.MEASURES[what]] for step in sorted(set(table["solver.step"]))]
+        row = (drive, *row)
         assert row[1].value == pytest.approx(arms[0].mean() - arms[1].mean())
         reference = stats.ttest_ind(*arms, equal_var=False).confidence_interval(0.95)
         assert (row[1].low, row[1].high) == pytest.approx((reference.low, reference.high))
@@ -809,7 +818,7 @@ def test_the_step_study_of_few_seeds_says_so(tmp_path):
     tables(HERE / "step.toml", tmp_path, some)
     text = step_study.report(tmp_path, HERE / "step.toml")
     assert "of 3 seeds only" in text
-    assert "12 of 96 planned runs are done" in text
+    assert "12 of 228 planned runs are done" in text
 
 
 # ---------------------------------------------------------------------------------------------
