@@ -12,12 +12,14 @@ import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from llvmlite.binding import Linkage
+from numba.core.errors import TypingError
 from scenes import CHESSBOARD, WIDTH, material, scene, simulate, state, tile, turned
 from twins import all_magnet_forces, near_pairs, separations
 
@@ -26,6 +28,7 @@ from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels import jit
 from tbsa.kernels.advance import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
+from tbsa.kernels.arrays import copy, lean, set_all, whole
 from tbsa.kernels.contacts import (
     ALONE,
     BLOCK,
@@ -664,7 +667,53 @@ def test_the_kernels_without_the_compiler_give_the_same_numbers():
         assert np.array(slow) == pytest.approx(np.array(fast), rel=1e-12, abs=1e-14)
 
 
-# Helpers.
+# Helpers and arrays.
+
+
+class Inner(NamedTuple):
+    number: np.ndarray
+    single: np.ndarray
+
+
+class Outer(NamedTuple):
+    width: float
+    place: np.ndarray
+    inner: Inner
+
+
+def shuffle(given: Any, plain: Any) -> Any:
+    given, plain = lean(lean(given)), lean(plain)
+    inner = given.inner
+    for i in range(inner.number.size):
+        inner.number[i] += i
+        inner.single[i] = 2 * inner.number[i]
+    copy(given.place, plain, 3)
+    set_all(given.place, given.width)
+    return inner.number[0] + inner.number[inner.number.size - 1], whole(plain, 2).sum()
+
+
+@pytest.mark.parametrize("function", [shuffle, jit.njit(shuffle)])
+def test_kernels_see_the_arrays_that_they_are_given(function):
+    """In tuples of tuples, of all kinds of numbers; nothing is copied, nothing else is touched."""
+    room = np.arange(12.0)
+    given = Outer(0.5, room[2:6], Inner(np.arange(5, dtype=np.int64), np.zeros(5, np.int32)))
+    plain = np.full(4, -1.0)
+    if function is shuffle:  # without the compiler `lean` is nothing
+        function = type(shuffle)(shuffle.__code__, {
+            **globals(), "lean": lambda value: value, "whole": lambda array, n: array[:n],
+            "copy": copy.py_func, "set_all": set_all.py_func})
+    ends, total = function(given, plain)
+    assert list(given.inner.number) == [0, 2, 4, 6, 8]
+    assert list(given.inner.single) == [0, 4, 8, 12, 16]
+    assert list(plain) == [2.0, 3.0, 4.0, -1.0]
+    assert list(room) == [0.0, 1.0, 0.5, 0.5, 0.5, 0.5, *range(6, 12)]
+    assert (ends, total) == (8, 5.0)
+
+
+@pytest.mark.parametrize("array", [np.zeros(6)[::2], np.zeros((2, 2))])
+def test_arrays_with_gaps_and_tables_do_not_get_into_kernels(array):
+    with pytest.raises(TypingError, match="is not an array of one dimension without gaps"):
+        jit.njit(lambda given: lean(given).size)(array)
 
 
 def test_what_a_kernel_keeps_to_itself_has_a_name_of_its_own():

@@ -42,6 +42,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.arrays import copy, lean, set_all, whole
 from tbsa.kernels.contacts import (
     CIRCLE,
     COLOURS,
@@ -89,7 +90,7 @@ from tbsa.kernels.crew import (
 from tbsa.kernels.floor import EXACT
 from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
-from tbsa.kernels.jit import ZERO, U, copy, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -102,7 +103,7 @@ from tbsa.kernels.magnets import (
     pull,
     react,
 )
-from tbsa.kernels.neighbours import Pairs, build_pairs, pairs_from, place_of, stale
+from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, stale
 from tbsa.kernels.solver import (
     LITTLE,
     SLOP,
@@ -483,7 +484,7 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
         pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
         way = min(PAIR_STEPS * k.substeps * k.h * pace, PAIR_MOST * k.width)
         margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
-    found = build_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
+    found = list_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
     counts.lists[0] += 1
     if found < 0:
         return NOT_FINITE
@@ -568,8 +569,9 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
     if law.cutoff > 0.0:
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
     if k.driven != 0:
-        drive(t, parameters, midx[:n], midy[:n], mid_angle[:n], vx[:n], vy[:n], w[:n],
-              tiles.family, tiles.forward, fx[:n], fy[:n], torque[:n])
+        drive(t, parameters, whole(midx, n), whole(midy, n), whole(mid_angle, n), whole(vx, n),
+              whole(vy, n), whole(w, n), whole(tiles.family, n), whole(tiles.forward, n),
+              whole(fx, n), whole(fy, n), whole(torque, n))
 
 
 @kernel
@@ -582,6 +584,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     is that before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs
     have multiplied within a step.
     """
+    state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
     n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
     x, y, angle, last = state.x, state.y, state.angle, state.last
     v, rows, c, s, before, crew = (work.bodies, work.rows, work.c, work.s, work.shift,
@@ -596,10 +599,10 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     parts = 2 if k.substeps % 2 == 0 else 1
     part_length, magnetic = step_length / parts, magnets.cutoff > 0.0 and reach > 0.0
     far, way = work.far, work.way
-    work.magnets.margin[:] = -1.0  # nothing is known yet
-    rows.first[:] = 0
-    rows.size[:] = 0
-    rows.effort[:] = 0
+    set_all(work.magnets.margin, -1.0)  # nothing is known yet
+    set_all(rows.first, ZERO)
+    set_all(rows.size, ZERO)
+    set_all(rows.effort, ZERO)
     error, done = OK, 0
     m, known, late = ZERO, False, ZERO  # rows; of these found within a step
     wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
@@ -760,6 +763,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
              floor: FloorLaw, work: Work) -> None:
     """Thread `me` > 0 of a crew: do shares of what `advance` gives out after job number `job`,
     until it is told to leave."""
+    state, tiles, work = lean(state), lean(tiles), lean(work)
     x, y, angle, v, rows, crew = (state.x, state.y, state.angle, work.bodies, work.rows,
                                   work.crew)
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
@@ -828,5 +832,6 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
 @kernel
 def dismiss(crew: Crew) -> None:
     """Let the helpers of a crew leave."""
+    crew = lean(crew)
     crew.what[0] = LEAVE
     store(crew.job, 0, crew.job[0] + 1)

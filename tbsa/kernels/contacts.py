@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.arrays import columns, copy, set_all
 from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
 from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
-from tbsa.kernels.jit import ZERO, U, columns, copy, inline, lane
+from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
 CIRCLE, RECTANGLE = 1, 2
@@ -395,8 +396,8 @@ def colour_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, im: float, mu: f
     copy(rows.new_a, ra, m)
     copy(rows.new_b, rb, m)
     copy(rows.new_corner, rows.corner, m)
-    used[:] = 0
-    fill[:] = 0
+    set_all(used, ZERO)
+    set_all(fill, ZERO)
     for i in range(m):
         a, b = ra[i], rb[i]
         colour = 0
@@ -468,7 +469,7 @@ def fill_lane(rows: Rows, k: int, t: int, a: int, b: int, n: int, mobile: np.nda
 def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
     """List the rows of every mobile tile, in order."""
     ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
-    start[:] = 0
+    set_all(start, ZERO)
     for i in range(m):
         start[U(ra[i]) + U(1)] += 1
         start[U(rb[i]) + U(1)] += 1

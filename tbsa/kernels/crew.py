@@ -17,6 +17,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from tbsa.kernels.arrays import place
 from tbsa.kernels.jit import ZERO, inline, lane
 
 # What is to be done; see `help_out` in `advance.py`.
@@ -53,8 +54,7 @@ def _acquire(_: Any, array: Any, index: Any) -> Any:
     """A number that another thread may have written, and what it wrote before (acquire)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        return builder.load_atomic(builder.gep(data, [arguments[1]]), "acquire", 8)
+        return builder.load_atomic(place(context, builder, signature.args, arguments), "acquire", 8)
 
     return types.int64(array, index), generate
 
@@ -64,8 +64,8 @@ def _release(_: Any, array: Any, index: Any, value: Any) -> Any:
     """Write a number for other threads, after all that was written before (release)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        builder.store_atomic(arguments[2], builder.gep(data, [arguments[1]]), "release", 8)
+        where = place(context, builder, signature.args, arguments)
+        builder.store_atomic(arguments[2], where, "release", 8)
         return context.get_dummy_value()
 
     return types.none(array, index, types.int64), generate

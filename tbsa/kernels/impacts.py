@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.contacts import (
     AN0,
     AN1,
@@ -58,7 +59,7 @@ from tbsa.kernels.contacts import (
     weigh_block,
 )
 from tbsa.kernels.geometry import cos_sin, square_square
-from tbsa.kernels.jit import ZERO, U, columns, inline
+from tbsa.kernels.jit import ZERO, U, inline
 from tbsa.kernels.routh import routh
 from tbsa.kernels.solver import Bodies, Numbers, solve_row
 
@@ -361,7 +362,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     r, body, hits, mobile = rows.field, rows.body, rows.hits, v.mobile
     touching = TOUCHING * k.width
     size = ZERO
-    z.size[:] = 0
+    set_all(z.size, ZERO)
     for block in range(rows.first[COLOURS]):
         if hits[block] == 0:
             continue

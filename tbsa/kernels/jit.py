@@ -30,8 +30,8 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 
-# An index that came out of an array: unsigned, or Numba would look at every access whether it
-# is negative and counts from the end.
+# An index that came out of an array: unsigned, as the constants that places are counted with, or
+# Numba would make a float of their sum.
 U = np.uintp
 # As an argument, or where a whole number begins that becomes one: a plain 0 has a type of its own,
 # and a helper would be compiled once more for it.
@@ -295,23 +295,3 @@ def callback(signature: Any, function: Callable[..., Any]) -> Any:
         _cached(compiled, function)
     compiled.compile()
     return compiled
-
-
-@inline
-def copy(source: np.ndarray, target: np.ndarray, n: int) -> None:
-    """Copy n numbers; ``target[:] = source`` takes seconds to compile, for its error message."""
-    for i in range(U(n)):
-        target[i] = source[i]
-
-
-def columns(length: int, kinds: list[type]) -> list[np.ndarray]:
-    """Zeroed arrays of one length, one a kind (float or int), laid out against cache conflicts.
-
-    Arrays that each begin on a page of their own fall into the same few sets of the first-level
-    cache when they are walked together; here each begins three cache lines further on.
-    """
-    stride = -(-length // 512) * 512 + 24
-    block = np.zeros(stride * len(kinds))
-    parts = [block[i * stride : i * stride + length] for i in range(len(kinds))]
-    return [part.view(np.int64) if kind is int else part
-            for part, kind in zip(parts, kinds, strict=True)]

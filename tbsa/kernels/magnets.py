@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.arrays import columns, copy, lean
 from tbsa.kernels.crew import (
     LEAST_PAIRS,
     LEAST_ROOM,
@@ -25,7 +26,7 @@ from tbsa.kernels.crew import (
     give,
     share,
 )
-from tbsa.kernels.jit import ZERO, U, columns, copy, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
 from tbsa.kernels.neighbours import Pairs, first_of
 
 CHUNK = 512  # pairs that are worked on together, in the first-level cache
@@ -343,6 +344,9 @@ def magnet_forces(law: MagnetLaw, pairs: Pairs, glues: np.ndarray, x: np.ndarray
 
     Returns the number of magnet pairs; where that exceeds the capacity nothing was added.
     """
+    pairs, near, crew, glues = lean(pairs), lean(near), lean(crew), lean(glues)
+    x, y, angle, c, s, margin = lean(x), lean(y), lean(angle), lean(c), lean(s), lean(margin)
+    fx, fy, torque = lean(fx), lean(fy), lean(torque)
     n = x.size
     m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, margin, margin, near, crew)
     if m <= near.p.size:

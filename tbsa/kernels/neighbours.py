@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.arrays import copy, lean, set_all
 from tbsa.kernels.crew import LEAST_TILES, LINE, PAIRS, Crew, collect, give, share
-from tbsa.kernels.jit import ZERO, U, copy, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
 
 
 class Pairs(NamedTuple):
@@ -51,9 +52,9 @@ def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -
     return some > 0
 
 
-@kernel
-def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
-                reach: float, margin: np.ndarray, crew: Crew) -> int:
+@inline
+def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
+               reach: float, margin: np.ndarray, crew: Crew) -> int:
     """List every pair nearer than the reach and both margins with at least one mobile tile.
 
     Returns the number of pairs found; where that exceeds the capacity the list is of no use and
@@ -75,7 +76,8 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
     pairs.corner[0], pairs.corner[1], pairs.corner[2] = x0, y0, cell
     pairs.cells[0], pairs.cells[1] = nx, ny
     # Counted one cell on, so that filling moves every start to its place.
-    first[: nx * ny + 1] = 0
+    for k in range(nx * ny + 1):
+        first[k] = 0
     for i in range(n):
         at = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
         if at + 2 <= nx * ny:
@@ -105,12 +107,20 @@ def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.n
         found += more
     start[n] = found
     if not fits:
-        pairs.margin[:] = -1.0
+        set_all(pairs.margin, -1.0)
         return int(max(found, room + 1))
     copy(margin, pairs.margin, n)
     copy(x, pairs.x, n)
     copy(y, pairs.y, n)
     return int(found)
+
+
+@kernel
+def build_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
+                reach: float, margin: np.ndarray, crew: Crew) -> int:
+    """`list_pairs`, for Python."""
+    return int(list_pairs(lean(pairs), n, lean(x), lean(y), lean(mobile), reach, lean(margin),
+                          lean(crew)))
 
 
 @inline

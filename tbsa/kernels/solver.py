@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tbsa.kernels.arrays import columns, copy, set_all
 from tbsa.kernels.contacts import (
     ALONE,
     AN0,
@@ -89,7 +90,7 @@ from tbsa.kernels.floor import (
     floor_impulse,
     interval,
 )
-from tbsa.kernels.jit import ZERO, U, columns, copy, inline, lane
+from tbsa.kernels.jit import ZERO, U, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
@@ -627,7 +628,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
         return 0
     now, queued = rows.now, rows.queued
     little = LITTLE * tolerance
-    v.moved[:] = 0
+    set_all(v.moved, ZERO)
     done, whole = -1 - k.passes, True
     size = ZERO
     for p in range(k.passes):
@@ -712,9 +713,9 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
         vx[i] = ux[i] + scale * (vx[i] - im * floorx[i] - ux[i])
         vy[i] = uy[i] + scale * (vy[i] - im * floory[i] - uy[i])
         w[i] = uw[i] + scale * (w[i] - ii * floort[i] - uw[i])
-    floorx[:] = 0.0
-    floory[:] = 0.0
-    floort[:] = 0.0
+    set_all(floorx, 0.0)
+    set_all(floory, 0.0)
+    set_all(floort, 0.0)
     scale_impulses(rows, scale)
     if floor.law != 0:
         sweep_floor(floor, k, im, ii, c, s, v, crew)
@@ -828,9 +829,9 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
                 size += 1
     if size == 0:
         return False
-    shift.vx[:] = 0.0
-    shift.vy[:] = 0.0
-    shift.w[:] = 0.0
+    set_all(shift.vx, 0.0)
+    set_all(shift.vy, 0.0)
+    set_all(shift.w, 0.0)
     some = 0
     for _ in range(PROJECTIONS):
         m = ZERO

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels import drives
+from tbsa.kernels.arrays import columns
 from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
 from tbsa.kernels.impacts import empty_scratch
-from tbsa.kernels.jit import columns, config, entry
+from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies

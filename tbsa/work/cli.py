@@ -348,7 +348,7 @@ class Bar:
             total=scene.run.duration, unit="s", disable=quiet or None, dynamic_ncols=True,
             bar_format="{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]",
         )
-        self.bar.set_postfix_str("compiling, half a minute the first time")
+        self.bar.set_postfix_str("compiling, some 20 s the first time")
         self.size: int | None = None
         self.start: float | None = None
 
