@@ -4,8 +4,8 @@
 
 For each drive: the difference of the mean sizes with Welch's 95 % interval, which should contain 0
 and be narrower than 10 % of the mean to either side.  A run's size is that of its last record, and
-beside it the mean over its last third: a shaken assembly loses and gains half of its tiles within a
-minute, so that the mean says with a tenth of the runs what a moment does.
+beside it the mean over its last third: a shaken assembly loses in half a minute as many tiles as it
+has (`python -m figures events`), so that the mean takes a tenth of the runs that a moment does.
 """
 
 from __future__ import annotations

@@ -72,9 +72,11 @@ def _data(records: Records, which: Sequence[int]) -> dict[str, Any]:
     poses = np.stack([np.rint((x - low[0]) / span * 65535).clip(0, 65535),
                       np.rint((y - low[1]) / span * 65535).clip(0, 65535), turn % 65536], axis=-1)
     found = [assembly(scene, layout, x[k], y[k], angle[k]) for k in range(len(which))]
+    error, turned, off, outside = (bit for bit, _ in MARK_BITS.values())
     states = np.array([
-        ATTACHED * each.attached + SEED * each.seed + 4 * each.erroneous
-        + 8 * each.wrongly_turned + 16 * each.off_lattice + 32 * each.outside for each in found])
+        ATTACHED * each.attached + SEED * each.seed + error * each.erroneous
+        + turned * each.wrongly_turned + off * each.off_lattice + outside * each.outside
+        for each in found])
     colour = pictures.colours(scene)
     shown = {"colour": colour, "faded": pictures.faded(colour)}
     ink = {"ink": pictures.ink(colour), "faded_ink": pictures.ink(shown["faded"])}
