@@ -96,10 +96,14 @@ def corners(simulation):
 
 def contact_rows(simulation):
     """What the kernels see of the contacts of tiles at rest: {column: array}."""
-    s = simulation
-    assert not state(s)[3:].any()
-    s.advance(1)
-    rows = s._work.rows
+    assert not state(simulation)[3:].any()
+    simulation.advance(1)
+    return moving_rows(simulation)
+
+
+def moving_rows(simulation):
+    """What they saw, in the last substep, of the rows in contact."""
+    rows = simulation._work.rows
     slot = rows.slot[: rows.size[0]]
     columns = {name: rows.field[slot + int(contacts.LANES) * i]
                for i, name in enumerate(contacts.FIELDS)}

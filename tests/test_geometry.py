@@ -30,7 +30,7 @@ def points(dx, dy, angle_a, angle_b, margin, origin=0j):
     """The kernel's manifold as ``(normal, {id: (gap, arm of a, arm of b)})``, arms as vectors."""
     found = square_square(dx, dy, math.cos(angle_a), math.sin(angle_a), math.cos(angle_b),
                           math.sin(angle_b), WIDTH, margin)
-    count, nx, ny, *rest, at, bt, _ = found
+    count, nx, ny, *rest, at, bt, _, _ = found
     n = complex(nx, ny)
     result = {}
     for k in range(int(count)):

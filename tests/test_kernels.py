@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import json
 import math
@@ -16,11 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from llvmlite.binding import Linkage
 from numba.core.errors import TypingError
-from scenes import CHESSBOARD, WIDTH, material, scene, simulate, state, tile, turned
+from scenes import CHESSBOARD, WIDTH, material, moving_rows, scene, simulate, state, tile, turned
 from twins import all_magnet_forces, near_pairs, separations
 
 import tbsa
@@ -394,11 +395,11 @@ def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, toleranc
 
 @pytest.mark.parametrize(("gap", "speed", "spin", "number"), [
     (1e-4, 0.0, 0.0, 2), (1e-4, 0.06, 0.0, 2), (1e-4, 0.10, 0.0, 4), (1e-4, 0.6, 0.0, 16),
-    (0.10, 0.0, 20.0, 2), (0.12, 0.0, 30.0, 4), (0.25, 0.0, 170.0, 16),
+    (0.20, 0.0, 40.0, 2), (0.20, 0.0, 60.0, 4), (0.25, 0.0, 340.0, 16),
     (-0.5e-3, 0.0, 0.0, 2), (-2e-3, 0.0, 0.0, 16)])
 def test_substeps_are_joined_where_tiles_are_slow_and_do_not_overlap(gap, speed, spin, number):
     """Two halves of eight substeps of 1/1920 s: all eight as one, where in them no tile goes
-    further past another than 1 % of the width and turns no further than 0.1 rad, else fewer.
+    further past another than 1 % of the width and turns no further than 0.2 rad, else fewer.
     Both tiles go, but as they go together that does not count."""
     s = simulate([tile(0, 0, vy=0.3), tile((1.0 + gap) * WIDTH, 0, vy=0.3 + speed, spin=spin)],
                  step=1 / 120, substeps=16, tolerance=1e-5, checked=False)
@@ -416,7 +417,7 @@ def test_substeps_are_joined_only_after_a_quick_solve():
         s.advance(1)
         assert s.counts.substeps[0] == number
 
-@pytest.mark.parametrize(("promised", "number"), [(64, 2), (16, 4), (8, 5)])
+@pytest.mark.parametrize(("promised", "number"), [(64, 2), (16, 3), (8, 3)])
 def test_a_substep_is_no_longer_than_the_solve_before_it_foresaw(promised, number):
     s = simulate([tile(0, 0), tile(1.0001 * WIDTH, 0)], step=1 / 120, substeps=16)
     s.state.last[:] = 1, promised
@@ -439,19 +440,19 @@ def test_what_flies_at_a_wall_keeps_substeps_short():
 
 
 @pytest.mark.parametrize(("distance", "spin", "more"), [
-    (1.1, 40.0, 1), (1.1, 150.0, 2), (1.1, 350.0, 4), (1.1, 1600.0, 8), (3.0, 1600.0, 1)])
+    (1.1, 80.0, 1), (1.1, 300.0, 2), (1.1, 700.0, 4), (1.1, 1600.0, 8), (3.0, 3200.0, 1)])
 def test_substeps_are_shorter_where_a_tile_that_may_touch_another_spins_fast(distance, spin, more):
-    """No such tile turns further than 0.2 rad in one, or an eighth of it; a free one does."""
+    """No such tile turns further than 0.4 rad in one, or an eighth of it; a free one does."""
     s = simulate([tile(0, 0, spin=spin), tile(distance * WIDTH, 0)], step=1 / 480, substeps=1)
     s.advance(1)
     assert s.counts.substeps[0] == more
 
 
 @pytest.mark.parametrize(("spins", "more"), [
-    ((90.0, 0.0), 1), ((90.0, 90.0), 2), ((-60.0, 60.0), 1), ((-75.0, 75.0), 2)])
+    ((180.0, 0.0), 1), ((180.0, 180.0), 2), ((-120.0, 120.0), 1), ((-150.0, 150.0), 2)])
 def test_two_spinning_tiles_count_together(spins, more):
-    """By the root of the sum of squares: 96 rad/s turn by 0.2 rad in 1/480 s."""
-    s = simulate([tile(0, 0, spin=spins[0]), tile(1.22 * WIDTH, 0, spin=spins[1])],
+    """By the root of the sum of squares: 192 rad/s turn by 0.4 rad in 1/480 s."""
+    s = simulate([tile(0, 0, spin=spins[0]), tile(1.35 * WIDTH, 0, spin=spins[1])],
                  step=1 / 480, substeps=1)
     s.advance(1)
     assert s.counts.impacts[0] == 0
@@ -460,7 +461,7 @@ def test_two_spinning_tiles_count_together(spins, more):
 
 def test_shorter_substeps_do_not_depend_on_how_a_run_is_cut():
     def spinning():
-        tiles = [tile(1.2 * WIDTH * i, 1.2 * WIDTH * j, 0.1 * i, spin=90.0 * (i - j))
+        tiles = [tile(1.2 * WIDTH * i, 1.2 * WIDTH * j, 0.1 * i, spin=220.0 * (i - j))
                  for i in range(5) for j in range(5)]
         return simulate(tiles, drive=Drive("unicycle", 0.06, 2e-3, 1.0), body=Material(),
                         reactor=Reactor("circle", 0.25), step=1 / 240, substeps=2)
@@ -472,6 +473,55 @@ def test_shorter_substeps_do_not_depend_on_how_a_run_is_cut():
     assert whole.counts.substeps[0] > 1.2 * 400
     assert (state(whole) == state(cut)).all()
     assert whole.counts.substeps[0] == cut.counts.substeps[0]
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.06]))
+def test_the_gap_after_a_substep_is_foreseen_along_the_arc(seed, radius):
+    """Points of two tiles, or of one at a round wall, that fly on without a contact.
+
+    gap + h vn + h^2 bend is the gap of the same face and point after h, by rotating both, to
+    1e-6 of the width; where the bend is not that of an arc that the point comes in along, it is
+    cut to what vn mirrors.
+    """
+    rng = np.random.default_rng(seed)
+    h, spins = 1 / 480, rng.uniform(-150.0, 150.0, 2)
+    v = rng.uniform(-0.5, 0.5, (2, 2))
+    angle = rng.uniform(-4.0, 4.0, 2)
+    place = rng.uniform(0.0, 2.0 * math.pi)
+    distance = radius - 0.75 * WIDTH if radius else rng.uniform(1.05, 1.35) * WIDTH
+    tiles = [tile(0, 0, angle[0], *v[0], spins[0]),
+             tile(distance * math.cos(place), distance * math.sin(place), angle[1], *v[1],
+                  spins[1])]
+    s = simulate(tiles[1:] if radius else tiles, step=h, substeps=1, checked=False,
+                 reactor=Reactor("circle", radius) if radius else None)
+    s.advance(1)
+    assume(s.counts.substeps[0] == 1 and s.counts.impacts[0] + s.counts.projections[0] == 0)
+    rows = moving_rows(s)
+    # Where the tiles were when the rows were placed: half a substep before the end.
+    z = s.x + 1j * s.y - 0.5 * h * (s.vx + 1j * s.vy)
+    u, spin, half = s.vx + 1j * s.vy, s.omega, 0.5 * WIDTH
+    for k in range(len(rows["a"])):
+        n = complex(rows["nx"][k], rows["ny"][k])
+        a, b = rows["a"][k], rows["b"][k]
+        for i in range(int(rows["count"][k])):
+            gap, vn, bend = (rows[f"{name}{i}"][k] for name in ("gap", "vn", "bend"))
+            if radius:
+                r = n * (rows["at"][k] - 1j * rows[f"an{i}"][k])
+                later = radius - abs(z[a] + h * u[a] + r * cmath.rect(1.0, h * spin[a]))
+            else:
+                turn = np.exp(-1j * (s.angle - 0.5 * h * spin))
+                d = z[b] - z[a]
+                on_a, on_b = (max(abs(q.real), abs(q.imag)) for q in (d * turn[a], d * turn[b]))
+                face, other, out, p = ((a, b, n, -rows[f"bn{i}"][k]) if on_a >= on_b
+                                       else (b, a, -n, rows[f"an{i}"][k]))
+                d = z[other] - z[face]
+                r = out * complex(half + gap - (d * out.conjugate()).real, p)
+                way = d + h * (u[other] - u[face]) + r * cmath.rect(1.0, h * spin[other])
+                later = (way * (out * cmath.rect(1.0, h * spin[face])).conjugate()).real - half
+            expected = (later - gap) / h - vn
+            mirror = min(abs(expected), abs(vn)) * (expected * vn > 0.0) * np.sign(expected)
+            assert h * h * bend == pytest.approx(h * mirror, abs=1e-6 * WIDTH)
 
 
 def test_looking_at_a_simulation_does_not_change_it():
@@ -513,8 +563,9 @@ def test_magnet_forces_are_the_sum_over_all_pairs_of_magnets(name, n, cutoff, se
     law = magnets.Law(cutoff=cutoff, switch=0.1, mismatch=mismatch)
     expected = np.array(all_magnet_forces(x, y, angle, [types[k].glues for k in kind], law,
                                           magnets.pair_force)).T
+    # Near the cut-off what is left of a force is its rounding without the switch, 1e-17 N.
     assert np.array(s.magnet_forces()) == pytest.approx(
-        expected, abs=1e-12 * np.abs(expected).max())
+        expected, abs=1e-12 * np.abs(expected).max() + 1e-17)
 
 
 def test_magnets_push_no_scene_as_a_whole():
@@ -542,7 +593,7 @@ def play(group, types=CHESSBOARD, torque=2e-4, law="coupled"):
     s = simulate([tile(*values[:6], kind=values[6]) for values in group], types=types,
                  magnet=Magnet(), reactor=Reactor("circle", 0.075), floor=Floor(law) if law !=
                  "separate" else Floor(angular=0.05), drive=Drive("unicycle", 0.06, torque, 1.0),
-                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-13,
+                 body=material(linear_damping=0.8, angular_damping=0.5), tolerance=1e-12,
                  passes=20_000, substeps=4, join_substeps=False)
     s.run(0.2)
     assert s.counts.impacts[0] >= 5

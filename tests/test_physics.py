@@ -34,7 +34,7 @@ from tbsa.kernels import advance as core
 from tbsa.kernels.solver import Numbers
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, Solver, TileType
 from tbsa.model.simulation import Simulation, floor_limits
-from theory import magnets, motion
+from theory import magnets, motion, rotation
 from theory.floor import engine_torque, max_torque
 
 DEFAULT = {name: getattr(Solver(), name) for name in ("step", "substeps", "tolerance", "passes")}
@@ -347,6 +347,50 @@ def test_two_tiles_in_orbit_keep_kinetic_and_magnet_energy_to_second_order():
     assert drift[0] < 1e-4 * energies[0]
     assert 3.5 < drift[0] / drift[1] < 4.5
     assert 3.5 < drift[1] / drift[2] < 4.5
+
+
+# Contacts along an arc.
+
+
+def test_bonded_tiles_that_turn_as_one_stay_together_and_keep_their_spin():
+    """No floor, no damping; 20 rad/s, of the 23 that their bond bears; one substep of 1/480 s.
+
+    A row that took the chord for the arc would leave a gap of (h spin)^2 / 2, 9e-4 of the width,
+    in the middle of the substep, where contacts are.
+    """
+    spin = 20.0
+    s = simulate([tile(-0.5 * WIDTH, 0, vy=-0.5 * WIDTH * spin, spin=spin, kind="black"),
+                  tile(0.5 * WIDTH, 0, vy=0.5 * WIDTH * spin, spin=spin, kind="white")],
+                 types=CHESSBOARD, magnet=Magnet(), body=material(restitution_threshold=0.05))
+    (before, _), energy = momentum(s), s.kinetic_energy()
+    for _ in range(480):
+        s.advance(1)
+        x, y = s.x - s.vx / 960, s.y - s.vy / 960
+        apart = math.hypot(x[1] - x[0], y[1] - y[0]) / WIDTH - 1.0
+        assert abs(apart) < 3e-4
+        assert s.omega == pytest.approx([spin, spin], rel=5e-4)
+    now, scale = momentum(s)
+    assert np.abs(now - before).max() < 1e-12 * scale[2]
+    assert s.kinetic_energy() == pytest.approx(energy, rel=3e-4)
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_a_tile_that_slides_along_a_round_smooth_wall_keeps_its_speed(rate):
+    """On two corners, round a wall of 6 cm, for a second; one substep of 1/480 s.
+
+    Where the wall was its tangent for a substep, every one took (h rate)^2 / 4 of the energy, and
+    a second two thirds of it at 20 rad/s.
+    """
+    radius = 0.06
+    seat = rotation.seat(radius, WIDTH)
+    s = simulate([tile(0, -seat, vx=rate * seat, spin=rate)],
+                 reactor=Reactor("circle", radius, friction=0.0),
+                 body=material(restitution_threshold=0.05))
+    energy = s.kinetic_energy()
+    s.run(1.0)
+    assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
+    assert s.kinetic_energy() > energy * (1.0 - 0.01)
+    assert np.hypot(*corners(s)[0].T).max() < radius + 1e-3 * WIDTH
 
 
 # Contact forces at rest.

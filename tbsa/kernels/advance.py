@@ -127,14 +127,15 @@ from tbsa.kernels.solver import (
 OK, MORE_PAIRS, MORE_ROWS, MORE_MAGNETS, NOT_FINITE, TOO_FAST, TOO_MANY = range(7)
 
 # Two tiles that may touch turn, in root of the sum of squares, no further than this in a substep
-# (rad), or as far as an eighth of the substep allows: their corners then come nearer than by their
-# speeds by 1.4 % of the width at most.
-TURN = 0.2
+# (rad), or as far as an eighth of the substep allows.  Rows foresee the arc of what goes on
+# turning (contacts.py); what an impact or a solve turns otherwise comes nearer, or less near, by up
+# to 0.7 w times half the square of this.
+TURN = 0.4
 TICKS = 8
 # Substeps are joined, up to JOINED of them, where the last solve took FEW passes, nothing overlaps
 # by more than CALM (widths), and no tiles that may touch go further past each other (widths), or
 # turn further (rad), than this in what they are joined to.
-JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.1
+JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
@@ -445,14 +446,6 @@ def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, ca
 
 
 @inline
-def fitting(ticks: int, room: int) -> int:
-    """A length, halved until it fits."""
-    while ticks > room:
-        ticks >>= 1
-    return ticks
-
-
-@inline
 def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
     """Whether a tile that may touch something in this step is faster than this (m/s)."""
     vx, vy, start = v.vx, v.vy, rows.start
@@ -673,9 +666,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                         break
                     calm = last[0] <= FEW and overlap <= CALM * k.width
                     wanted = ticks_at(k, rows, x, y, v, calm)
-                ticks = fitting(min(wanted, promised), left - end)
+                ticks = min(wanted, promised, left - end)
                 rest = left - end - ticks
-                promised = fitting(wanted, rest if rest > 0 else k.substeps * TICKS // parts)
+                promised = min(wanted, rest if rest > 0 else k.substeps * TICKS // parts)
                 # From the middle of this substep to that of the next.
                 ahead_time = 0.5 * max(2 * ticks, ticks + promised) * tick
                 if ticks != before_ticks:

@@ -20,7 +20,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import columns, copy, set_all
 from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
-from tbsa.kernels.geometry import circle_corner, cos_sin, square_square
+from tbsa.kernels.geometry import arc, bends, circle_corner, cos_sin, square_square
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
@@ -51,6 +51,7 @@ FIELDS = (
     "gap0", "gap1",                # m
     "id0", "id1",                  # feature ids of the points
     "warm0", "warm1", "warmt",     # N s, the impulses at the end of the last substep
+    "bend0", "bend1",              # m/s^2, what the gap gains along the arc, over h^2; see `bends`
     "want0", "want1",              # m/s, the solve makes vn >= -want
     "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
     "i00", "i11", "itt", "idet",   # kg, kg^2
@@ -61,8 +62,8 @@ FIELDS = (
     "bx", "by", "bw",
 )
 (COUNT, PN0, PN1, PT, BASE, MA, MB, CHANGE, NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, ID0,
- ID1, WARM0, WARM1, WARMT, WANT0, WANT1, K00, K01, K11, KTT, I00, I11, ITT, IDET, VN0, VN1, HIT,
- MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
+ ID1, WARM0, WARM1, WARMT, BEND0, BEND1, WANT0, WANT1, K00, K01, K11, KTT, I00, I11, ITT, IDET,
+ VN0, VN1, HIT, MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
 ZEROED = CHANGE + LANES  # numbers of a block, its first, that a new row needs to be zero
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
@@ -502,19 +503,45 @@ def look(rows: Rows, block: int, x: np.ndarray, y: np.ndarray, c: np.ndarray, s:
         r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
 
 
+@lane
+def mirrored(bend: float, vn: float) -> float:
+    """The bend (m/s, of a substep) that counts for a point whose velocity is vn.
+
+    Where a contact lasts along a curve, its velocity is +bend as it comes and -bend as it goes,
+    so that its impulse does no work.  Beyond vn that would be a push, or leave to come further
+    than it will when an impact has taken the spin that the bend is from.
+    """
+    return max(min(bend, vn), 0.0) + min(max(bend, vn), 0.0)
+
+
+@lane
+def want(gap: float, bend: float) -> float:
+    """How fast a point may approach for its gap just to close in the substep; all in m/s.
+
+    Overlap is not pressed apart, but what the bend gives is taken for it first.
+    """
+    return max(gap + max(bend, 0.0), 0.0) + min(bend, 0.0)
+
+
 @inline
 def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
     """Where the pairs of a block touch; every point keeps its impulse, a new point has none."""
-    r = rows.field
+    r, per_h2 = rows.field, 1.0 / (h * h)
     o = U(block) * BLOCK
     lone = 0
     for i in range(LANES):
         vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
         way = h * (math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
                    + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
-        count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss = square_square(
+        count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a = square_square(
             r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
             r[o + KTT + i], width, SPARE * width + way)
+        wa, wb = r[o + AW + i], r[o + BW + i]
+        bend0, bend1 = bends(
+            width, gap0, gap1, at - bt, bn0 - an0, -bn0 if of_a else an0, -bn1 if of_a else an1,
+            h * (nx * vx_ab + ny * vy_ab), h * (nx * vy_ab - ny * vx_ab), h * (wa if of_a else wb),
+            h * (wb - wa if of_a else wa - wb))
+        r[o + BEND0 + i], r[o + BEND1 + i] = per_h2 * bend0, per_h2 * bend1
         r[o + HIT + i] = 1.0 if (miss > 0.0) & (miss < way) else 0.0
         count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
         id1 = -1.0 if count < 1.5 else id1
@@ -565,7 +592,7 @@ def foresee(rows: Rows, block: int, width: float, h: float) -> None:
             ux, uy, wa, wb = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY], r[k + AW], r[k + BW]
             ca, sa = cos_sin(t * wa)
             cb, sb = cos_sin(t * wb)
-            count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, _ = square_square(
+            count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, _, _ = square_square(
                 r[k + I00] + t * ux, r[k + I11] + t * uy,
                 ca * r[k + K00] - sa * r[k + K01], sa * r[k + K00] + ca * r[k + K01],
                 cb * r[k + K11] - sb * r[k + KTT], sb * r[k + K11] + cb * r[k + KTT],
@@ -582,6 +609,7 @@ def foresee(rows: Rows, block: int, width: float, h: float) -> None:
                 along + bn1 * wb - an1 * wa)
             r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1] = an0, bn0, an1, bn1
             r[k + AT], r[k + BT] = at + ax * nx + ay * ny, bt + bx * nx + by * ny
+            r[k + BEND0] = r[k + BEND1] = 0.0  # the manifold is that of the way's end
             rows.single[block] += 1 if count == 1.0 else 0
             break
 
@@ -609,6 +637,11 @@ def place_walls(rows: Rows, block: int, n: int, width: float, h: float, wall: in
         r[o + AN0 + i], r[o + BN0 + i] = rx * ny - ry * nx, 0.0
         r[o + AN1 + i], r[o + BN1 + i] = r[o + AN0 + i], 0.0
         r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
+        up, over = arc(h * w[a])
+        fx, fy = h * (vx[a] - w[a] * ry), h * (vy[a] + w[a] * rx)
+        later, _, _ = wall_gap(wall, q % 2, wall_x, wall_y, x[a] + rx + fx - up * rx + over * ry,
+                               y[a] + ry + fy - up * ry - over * rx)
+        r[o + BEND0 + i] = r[o + BEND1 + i] = (later - gap + nx * fx + ny * fy) / (h * h)
         r[o + PN0 + i] *= count
         r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
         r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = r[o + PN0 + i], 0.0, r[o + PT + i]
@@ -639,7 +672,7 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
     hits if it closes within h, faster than the threshold, and has not been in contact: points
     that are pressed together approach by what the last solve left, and leave it to the next.
     """
-    r = rows.field
+    r, per_h = rows.field, 1.0 / h
     o = U(block) * BLOCK
     some = 0
     for i in range(LANES):
@@ -666,11 +699,14 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + VN0 + i], r[o + VN1 + i] = vn0, vn1
         gap0, gap1 = r[o + GAP0 + i], r[o + GAP1 + i]
         none = count == 0.0
-        r[o + WANT0 + i] = NEVER if none else max(gap0, 0.0) / h
-        r[o + WANT1 + i] = NEVER if none else max(gap1, 0.0) / h
-        hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * vn0 < 0.0)
+        bend0 = mirrored(h * r[o + BEND0 + i], vn0)
+        bend1 = mirrored(h * r[o + BEND1 + i], vn1)
+        r[o + BEND0 + i], r[o + BEND1 + i] = per_h * bend0, per_h * bend1
+        r[o + WANT0 + i] = NEVER if none else want(per_h * gap0, bend0)
+        r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
+        hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * (vn0 + bend0) < 0.0)
                 & (r[o + WARM0 + i] == 0.0))
-        hit1 = (two & (vn1 < -threshold) & (gap1 + h * vn1 < 0.0)
+        hit1 = (two & (vn1 < -threshold) & (gap1 + h * (vn1 + bend1) < 0.0)
                 & (r[o + WARM1 + i] == 0.0))
         r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
         some += (1 if hit0 else 0) + (1 if hit1 else 0)

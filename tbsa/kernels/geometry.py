@@ -26,12 +26,12 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     The reference face is the one of the four with the largest separation (the half extent of
     either square along the other's normal is w/2 (|cos| + |sin|) of the relative angle); the
     facing edge of the other square is clipped to it.  Returns ``(count, n_x, n_y, id0, gap0,
-    an0, bn0, id1, gap1, an1, bn1, at, bt, miss)``: count 0, 1 or 2; gaps in m; ``an``, ``bn`` =
-    r x n and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to both
-    points, which lie on one line along the face); ``miss`` is how far along the face the squares
-    pass each other (m) where that is all that keeps them apart, else not positive.  The id names
-    a's edge, b's edge and the end of their overlap, whichever square is the reference, so that an
-    impulse finds its point again.
+    an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a)``: count 0, 1 or 2; gaps in m; ``an``,
+    ``bn`` = r x n and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to
+    both points, which lie on one line along the face); ``miss`` is how far along the face the
+    squares pass each other (m) where that is all that keeps them apart, else not positive;
+    ``of_a`` whether the face is one of a's.  The id names a's edge, b's edge and the end of their
+    overlap, whichever square is the reference, so that an impulse finds its point again.
     Counts and ids are whole numbers kept as floats.
     """
     half = 0.5 * width
@@ -82,7 +82,35 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     an1, bn1 = (-y1 if of_a else y1 - y), (y - y1 if of_a else y1)
     at, bt = (depth if of_a else x - depth), (depth - x if of_a else -depth)
     nx, ny = (nx if of_a else -nx), (ny if of_a else -ny)
-    return count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss
+    return count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a
+
+
+@lane
+def arc(angle: float) -> Any:
+    """What an arc differs by from its tangent, ``1 - cos`` and ``angle - sin``, of the angle of a
+    substep: to 3e-5 up to 1 rad, which it is cut off at."""
+    a = min(max(angle, -1.0), 1.0)
+    z = a * a
+    return (z * (0.5 - z * (1.0 / 24.0 - z / 720.0)),
+            a * z * (1.0 / 6.0 - z * (1.0 / 120.0 - z / 5040.0)))
+
+
+@lane
+def bends(width: float, gap0: float, gap1: float, away: float, aside: float, p0: float, p1: float,
+          along: float, across: float, turn: float, other: float) -> Any:
+    """What the gaps of two points gain (m) while both squares fly on, beyond what they gain at
+    their present rates.
+
+    A gap is ``n . (d + R r) - w/2``, where n and t are out of the face and along it, the other
+    square's centre is at d from that of the face's square, and its point at r from there.  In
+    their frame d is (`away`, `aside`) and r is (w/2 + gap - away, `p`).  Meanwhile the other
+    centre goes (`along`, `across`), n turns by `turn`, and r, as seen from n, by `other` (rad).
+    """
+    up, over = arc(turn)
+    back, lag = arc(other)
+    centre = (turn - over) * across - over * aside - up * (away + along)
+    r = 0.5 * width - away
+    return centre + lag * p0 - back * (r + gap0), centre + lag * p1 - back * (r + gap1)
 
 
 @lane

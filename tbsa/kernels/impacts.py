@@ -21,6 +21,8 @@ from tbsa.kernels.contacts import (
     AN0,
     AN1,
     BASE,
+    BEND0,
+    BEND1,
     BLOCK,
     BN0,
     BN1,
@@ -136,11 +138,11 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
             cb, sb = cos_sin(angle[b] + time * w[b])
             dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
             # Both points, then the nearer one alone.
-            count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _ = square_square(
+            count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _, _ = square_square(
                 dx, dy, ca, sa, cb, sb, k.width, k.width)
             if count != 1.0 and abs(gap1 - gap0) < FLUSH * k.width:
                 return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            count, nx, ny, _, gap, an, bn, _, _, _, _, at, bt, _ = square_square(
+            count, nx, ny, _, gap, an, bn, _, _, _, _, at, bt, _, _ = square_square(
                 dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap0 + gap1))
             if count != 1.0:
                 return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -429,6 +431,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
         z.known[q] = 0
         r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
         r[at + BASE] = 0.0
+        r[at + BEND0] = r[at + BEND1] = 0.0  # they were those of other spins
         r[at + WANT0], r[at + WANT1] = max(r[at + GAP0], 0.0) / k.h, max(r[at + GAP1], 0.0) / k.h
     for j in range(z.size[1]):
         i = z.tiles[j]

@@ -2,7 +2,8 @@
 
 For every contact point, with ``vn`` the relative normal velocity at the end of the substep:
 
-    vn + want >= 0,   pn >= 0,   pn (vn + want) = 0      (no penetration; want = gap / h)
+    vn + want >= 0,   pn >= 0,   pn (vn + want) = 0      (no penetration; want = gap / h,
+                                                        and what it gains along an arc)
     |pt| <= mu pn,    pt against the relative tangential velocity   (Coulomb)
 
 A manifold of one point is solved exactly for both impulses; one of two points exactly for both
@@ -31,6 +32,8 @@ from tbsa.kernels.contacts import (
     AX,
     AY,
     BASE,
+    BEND0,
+    BEND1,
     BLOCK,
     BN0,
     BN1,
@@ -741,8 +744,11 @@ def part_row(rows: Rows, q: int, k: Numbers, per_mass: float, v: Bodies, shift: 
     turn_a, turn_b = k.h * w[a] + sw[a], k.h * w[b] + sw[b]
     along = (nx * (k.h * (vx[b] - vx[a]) + sx[b] - sx[a])
              + ny * (k.h * (vy[b] - vy[a]) + sy[b] - sy[a]))
-    g0 = r[i + GAP0] + slop + along + r[i + BN0] * turn_b - r[i + AN0] * turn_a
-    g1 = r[i + GAP1] + slop + along + r[i + BN1] * turn_b - r[i + AN1] * turn_a
+    h2 = k.h * k.h
+    g0 = (r[i + GAP0] + h2 * r[i + BEND0] + slop + along + r[i + BN0] * turn_b
+          - r[i + AN0] * turn_a)
+    g1 = (r[i + GAP1] + h2 * r[i + BEND1] + slop + along + r[i + BN1] * turn_b
+          - r[i + AN1] * turn_a)
     if g0 >= spare and (g1 >= spare or not two):
         return False
     g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
@@ -796,8 +802,10 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
             at = o + i
             wa, wb, count = r[at + AW], r[at + BW], r[at + COUNT]
             along = r[at + NX] * (r[at + BX] - r[at + AX]) + r[at + NY] * (r[at + BY] - r[at + AY])
-            g0 = r[at + GAP0] + k.h * (along + r[at + BN0] * wb - r[at + AN0] * wa)
-            g1 = r[at + GAP1] + k.h * (along + r[at + BN1] * wb - r[at + AN1] * wa)
+            g0 = r[at + GAP0] + k.h * (along + k.h * r[at + BEND0] + r[at + BN0] * wb
+                                       - r[at + AN0] * wa)
+            g1 = r[at + GAP1] + k.h * (along + k.h * r[at + BEND1] + r[at + BN1] * wb
+                                       - r[at + AN1] * wa)
             near = ((g0 < low) & (count > 0.5)) | ((g1 < low) & (count > 1.5))
             r[at + HIT] = 1.0 if near else 0.0
             some += 1 if near else 0
