@@ -643,7 +643,8 @@ def test_merit_of_one_run_or_none_claims_nothing(tmp_path, seeds):
 
 def test_runs_that_are_too_short_reach_nothing(tmp_path):
     text = (HERE / "campaign.toml").read_text().replace(
-        "seeds =", 'set = {"run.duration" = 600.0}\nseeds =')
+        "set = {", 'set = {"run.duration" = 600.0, ')
+    assert "600.0" in text
     for name in ("self_stabilizing.toml", "shaking.toml"):
         shutil.copy(HERE / name, tmp_path / name)
     (tmp_path / "campaign.toml").write_text(text)
