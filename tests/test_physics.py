@@ -378,7 +378,7 @@ def test_bonded_tiles_that_turn_as_one_stay_together_and_keep_their_spin():
 def test_a_tile_that_slides_along_a_round_smooth_wall_keeps_its_speed(rate):
     """On two corners, round a wall of 6 cm, for a second; one substep of 1/480 s.
 
-    Where the wall is its tangent for a substep, each of them takes some of the speed.
+    Where the wall is its tangent for a substep, a second takes 5 and 43 % of the energy.
     """
     radius = 0.06
     seat = rotation.seat(radius, WIDTH)

@@ -25,9 +25,9 @@ and the substeps of a half, of length h:
     drift   x += h/2 v
     project deep overlap out of the positions, if there is any
 
-A substep is h, or h/2, h/4 or h/8 where a tile that may touch another spins fast: between two
-places a corner goes along a chord, and what that cuts off is overlap.  It is 2 h, 4 h or 8 h,
-within a half, where the scene is calm: next to nothing overlaps, and tiles that may touch are slow.
+A substep is h, or h/2, h/4 or h/8 where a tile that may touch another spins fast: rows foresee the
+arc of what goes on turning, but not what an impact makes of it.  It is longer, up to 8 h within a
+half, where the scene is calm: next to nothing overlaps, and tiles that may touch are slow.
 
 A free tile goes as if a half were one substep, so that the forces, which change slowly, are
 found twice a step; contacts converge better, and spinning tiles meet more exactly, in more and
