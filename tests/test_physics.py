@@ -419,6 +419,44 @@ def test_a_pressed_row_carries_the_sum_of_the_loads_behind_each_contact(turn, so
     assert np.abs(state(s)[3:]).max() < 1e-9
 
 
+@pytest.mark.parametrize("substeps", [1, 4])
+@pytest.mark.parametrize("skip", [True, False], ids=["list", "blocks"])
+def test_what_a_long_row_carries_settles_in_few_passes(substeps, skip):
+    """Twenty tiles pressed against a held one, from no impulses to 1e-9 m/s, in the first step.
+
+    A contact hands its load on to the next: passes without momentum need some 4,700.
+    """
+    s = simulate([tile(0, 0, held=True), *(tile(-i * WIDTH, 0) for i in range(1, 21))],
+                 drive=Drive("constant", (0.075, 0.0), 0.0), step=1 / 480, substeps=substeps,
+                 tolerance=1e-9, passes=5000, skip_converged=skip)
+    s.advance(1)
+    assert s.counts.passes[0] < 400
+    assert s.counts.unconverged[0] == 0
+    contact = s.contact_forces()
+    force = (contact["normal0"] + contact["normal1"])[np.argsort(contact["a"])]
+    assert force == pytest.approx(0.075 * np.arange(20, 0, -1), rel=1e-5)
+
+
+@pytest.mark.parametrize("passes", [5, 9, 20])
+def test_a_solve_that_is_broken_off_presses_only_and_does_no_work(passes):
+    """Thirty tiles fly into a held one, with too few passes to solve that: impulses that have
+    momentum still press, and energy still falls."""
+    flying = (tile(-1.0001 * i * WIDTH, 0.05 * WIDTH * (i % 3), vx=0.5) for i in range(1, 31))
+    s = simulate([tile(0, 0, held=True), *flying],
+                 drive=Drive("constant", (0.02, 0.0), 0.0), step=1 / 480, substeps=1,
+                 tolerance=1e-9, passes=passes)
+    put_in = energy = s.kinetic_energy()
+    for _ in range(60):
+        x = s.x.copy()
+        s.advance(1)
+        put_in += 0.02 * float((s.x - x)[1:].sum())
+        contact = s.contact_forces()
+        assert (contact["normal0"] >= 0.0).all()
+        assert (contact["normal1"] >= 0.0).all()
+        assert s.kinetic_energy() <= put_in + 1e-9 * energy
+    assert s.counts.unconverged[0] > 0
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_a_tile_that_rests_in_a_circular_wall_is_in_balance(angle):
     """The wall's forces at two corners add up to the load, their torque to nothing."""
