@@ -15,7 +15,8 @@ hundred that change by more than half the tolerance; those, and the rows of the 
 move, are solved one by one until nothing changes: converged parts of the scene drop out of further
 passes.  Where a few passes are not enough, each goes on from a point beyond where the last one
 ended (`go_on`): what many rows carry in common, as the load of a long row of tiles does, settles
-in a tenth of the passes.
+in a tenth of the passes.  On a floor with friction loads are handed on no further than it lets
+them, and passes are plain.
 """
 
 from __future__ import annotations
@@ -109,8 +110,8 @@ SLOP = 1e-3
 # has several rows, and each of them leaves something.
 LITTLE = 0.5
 MANY = 2  # rows that are woken by one that has changed, for a block in the time of a row
-# Passes before the impulses have momentum, and passes at the limit that have none any more: a solve
-# that is broken off must not end on its way.
+# Passes before the impulses have momentum, all of them forward, and passes at the limit that have
+# none any more: a solve that is broken off must not end on its way.
 PLAIN, LAST_PLAIN = 4, 4
 # Impulses at the beginning of a pass, and at the end of the one before: fields that a solve has no
 # other use for.
@@ -410,15 +411,18 @@ def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) 
 
 
 @inline
-def sweep_rows(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
+def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew) -> None:
     """One pass over all blocks."""
-    first, colours = rows.first, rows.colours
-    for j in range(rows.size[1]):
-        colour = colours[j]
+    first, colours, in_use = rows.first, rows.colours, rows.size[1]
+    if not forward:
+        sweep_alone(rows, per_mass, v)
+    for j in range(in_use):
+        colour = colours[j if forward else in_use - 1 - j]
         mine, last = give(crew, SWEEP, first[colour], first[colour + 1], LEAST_BLOCKS)
         sweep_blocks(rows, per_mass, v, mine, last)
         collect(crew)
-    sweep_alone(rows, per_mass, v)
+    if forward:
+        sweep_alone(rows, per_mass, v)
 
 
 @inline
@@ -758,7 +762,8 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     The impulses that the rows carry must already have been applied.  Passes are over all blocks
     while many rows change, then over the rows on a list.  Momentum grows from pass to pass, and
     begins anew where it has gone too far, or where a pass did more than the one before (the
-    restarts of O'Donoghue and Candes 2015).
+    restarts of O'Donoghue and Candes 2015).  On a floor with friction there is none: what is pushed
+    beyond what the floor holds, and back to within the tolerance, creeps.
     Returns the number of passes, or -1 - passes where the limit was reached first.
     """
     if floor.law != 0:
@@ -769,16 +774,16 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     little = LITTLE * tolerance
     set_all(v.moved, ZERO)
     done, whole, fresh = -1 - k.passes, True, True
-    size, age, square, onward, before = ZERO, ZERO, 0.0, 0.0, 0.0
+    size, age, square, onward, before, beta = ZERO, ZERO, 0.0, 0.0, 0.0, 0.0
     for p in range(k.passes):
         rows.effort[0] += m
-        hastens = p >= PLAIN
+        hastens = floor.law == 0 and p >= PLAIN
         if whole:
             for j in range(size):
                 queued[now[j]] = 0
             if hastens:
                 begin_blocks(rows, fresh)
-            sweep_rows(rows, ii / im, v, crew)
+            sweep_rows(rows, ii / im, v, hastens or p < PLAIN or p % 2 == 0, crew)
             if floor.law != 0:
                 sweep_floor(floor, k, im, ii, c, s, v, crew)
             many, worst = count_changed(rows, little, crew)
@@ -791,6 +796,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
             rows.effort[1] += m - size
             found, worst, square, onward = sweep_queue(rows, size, k, floor, im, ii, c, s, v,
                                                        little)
+        settled = worst <= tolerance and beta == 0.0  # a pass after a plain one
         age = age + 1 if hastens and onward >= 0.0 and square <= before else ZERO
         before = square if hastens else 0.0
         beta = age / (age + 3.0) if worst > tolerance and p + LAST_PLAIN < k.passes else 0.0
@@ -798,13 +804,14 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
         if whole and not fresh:
             go_on_blocks(rows, beta, ii / im, v)
         elif not whole:
-            if size > 0 and not fresh:
+            listed = size > 0
+            if listed and not fresh:
                 found = go_on_queue(rows, size, found, beta, ii / im, v, little)
             next_queue(rows, size, found, fresh)
             size = found
-            whole = size > rows.first[COLOURS]
+            whole = listed and size > rows.first[COLOURS]
             fresh = fresh or whole  # what was not on the list has no past
-        if worst <= tolerance:
+        if settled:
             done = p + 1
             break
     for j in range(size):
