@@ -489,8 +489,9 @@ def wall_slide() -> Reference:
 
     def measure(make: Make, scene: Scene) -> Errors:
         s, turned, last = make(scene), 0.0, 0.0
-        for _ in range(60):
-            go(s, seconds / 60)
+        steps = max(1, round(1 / 60 / s.h))  # between looks, of which a turn needs a few
+        for _ in range(round(seconds / (steps * s.h))):
+            s.advance(steps)
             angle = math.atan2(s.y[0], s.x[0])
             turned += (angle - last + math.pi) % (2.0 * math.pi) - math.pi
             last = angle
