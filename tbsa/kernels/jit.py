@@ -169,6 +169,17 @@ class _Raw(JITCodeLibrary):
         """Nothing: helpers need no environment, and there is no machine code that has one."""
 
 
+class _RawApart(_Raw):
+    """The same of a helper that is to stay a function of its own."""
+
+    def finalize(self) -> None:
+        """Tell LLVM before its helpers are there, which may become part of it."""
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.add_function_attribute("noinline")
+        super().finalize()
+
+
 class _Whole(JITCodeLibrary):
     """The code of a kernel, with that of all its helpers."""
 
@@ -209,6 +220,10 @@ class _PartCompiler(Compiler):
 
 class _LaneCompiler(_PartCompiler):
     always_inline = True
+
+
+class _ApartCompiler(_PartCompiler):
+    kind = _RawApart
 
 
 class _KernelCompiler(_PartCompiler):
@@ -270,6 +285,12 @@ def lane(function: Callable[..., Any]) -> Any:
     """Jit a helper that is always part of its caller: scalar code of a loop over lanes, so that the
     loop can become vector code, and loops that threads share."""
     return inline(function, _LaneCompiler)
+
+
+def apart(function: Callable[..., Any]) -> Any:
+    """Jit a helper that runs seldom and stays out of its callers: what is in a loop is slower for
+    all that stands beside it."""
+    return inline(function, _ApartCompiler)
 
 
 def entry(compiled: Any) -> Any:

@@ -15,8 +15,7 @@ hundred that change by more than half the tolerance; those, and the rows of the 
 move, are solved one by one until nothing changes: converged parts of the scene drop out of further
 passes.  Where a few passes are not enough, each goes on from a point beyond where the last one
 ended (`go_on`): what many rows carry in common, as the load of a long row of tiles does, settles
-in a tenth of the passes.  On a floor with friction loads are handed on no further than it lets
-them, and passes are plain.
+in a tenth of the passes (`hasten`).
 """
 
 from __future__ import annotations
@@ -101,7 +100,7 @@ from tbsa.kernels.floor import (
     floor_impulse,
     interval,
 )
-from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.jit import ZERO, U, apart, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
@@ -610,21 +609,15 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, im: float, i
     """One pass over the `size` rows on the list, and the floor below the tiles that they move.
 
     Friction and normal impulses alternate: a row that has changed is on the next list, too.
-    Returns the length of that, the largest change (m/s) of a row, and how the pass went: the two
-    sums of `slope`.
+    Returns the length of that, and the largest change (m/s) of a row.
     """
-    r, body, now, queued, moved = rows.field, rows.body, rows.now, rows.queued, v.moved
+    body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
     m = ZERO
-    worst, square, onward = 0.0, 0.0, 0.0
+    worst = 0.0
     for j in range(size):
         q = now[j]
-        i = lane_of(q)
-        queued[q] = SOLVED
-        r[i + FROM0], r[i + FROM1], r[i + FROMT] = r[i + PN0], r[i + PN1], r[i + PT]
+        queued[q] = 0
         change = solve_row(rows, q, ii / im, v)
-        more, further = slope(r, i)
-        square += more
-        onward += further
         worst = max(worst, change)
         if change <= little:
             continue
@@ -641,7 +634,7 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, im: float, i
             if (floor.law != 0 and tile < k.n
                     and floor_alone(tile, floor, k, im, ii, c, s, v) > little):
                 m = queue(rows, v, tile, m)
-    return m, worst, square, onward
+    return m, worst
 
 
 @lane
@@ -678,10 +671,44 @@ def go_on(r: np.ndarray, k: int, beta: float, per_mass: float) -> float:
 
 
 @inline
+def sweep_on(rows: Rows, size: int, per_mass: float, v: Bodies, little: float) -> Any:
+    """One pass over the `size` rows on the list, as `sweep_queue`, without a floor.
+
+    Returns the length of the next list, the largest change (m/s) of a row, and how the pass went:
+    the two sums of `slope`.
+    """
+    r, body, now, queued = rows.field, rows.body, rows.now, rows.queued
+    m = ZERO
+    worst, square, onward = 0.0, 0.0, 0.0
+    for j in range(size):
+        q = now[j]
+        i = lane_of(q)
+        queued[q] = SOLVED
+        r[i + FROM0], r[i + FROM1], r[i + FROMT] = r[i + PN0], r[i + PN1], r[i + PT]
+        change = solve_row(rows, q, per_mass, v)
+        more, further = slope(r, i)
+        square += more
+        onward += further
+        worst = max(worst, change)
+        if change <= little:
+            continue
+        t = U(q // 8) * BODIES + U(q % 8)
+        m = queue(rows, v, body[t], m)
+        m = queue(rows, v, body[t + LANES], m)
+    return m, worst, square, onward
+
+
+@lane
+def set_past(r: np.ndarray, k: int) -> None:
+    """The last pass left the row of lane k where it is."""
+    r[k + PAST0], r[k + PAST1], r[k + PASTT] = r[k + PN0], r[k + PN1], r[k + PT]
+
+
+@inline
 def go_on_queue(rows: Rows, size: int, m: int, beta: float, per_mass: float, v: Bodies,
                 little: float) -> int:
     """The rows of this list that are on the next one, too, go on; returns the length of that."""
-    body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
+    body, now, queued = rows.body, rows.now, rows.queued
     vx, vy, w = v.vx, v.vy, v.w
     for j in range(size):
         q = now[j]
@@ -691,9 +718,8 @@ def go_on_queue(rows: Rows, size: int, m: int, beta: float, per_mass: float, v: 
         if change <= little:
             continue
         t = U(q // 8) * BODIES + U(q % 8)
-        for tile in (body[t], body[t + LANES]):
-            moved[tile] = 1
-            m = queue(rows, v, tile, m)
+        m = queue(rows, v, body[t], m)
+        m = queue(rows, v, body[t + LANES], m)
     return m
 
 
@@ -705,8 +731,7 @@ def next_queue(rows: Rows, size: int, m: int, fresh: bool) -> None:
     for j in range(m):
         q = then[j]
         if fresh or queued[q] < SOLVED:
-            i = lane_of(q)
-            r[i + PAST0], r[i + PAST1], r[i + PASTT] = r[i + PN0], r[i + PN1], r[i + PT]
+            set_past(r, lane_of(q))
     for j in range(size):
         queued[now[j]] -= SOLVED
     copy(then, now, m)
@@ -754,16 +779,68 @@ def go_on_blocks(rows: Rows, beta: float, per_mass: float, v: Bodies) -> None:
         scatter(rows, block, vx, vy, w)
 
 
+@apart
+def hasten(rows: Rows, m: int, k: Numbers, per_mass: float, v: Bodies, tolerance: float,
+           whole: bool, size: int, crew: Crew) -> int:
+    """Go on with `relax` where there is no floor friction: with momentum.
+
+    It grows from pass to pass, and begins anew where it has gone too far, or where a pass did more
+    than the one before (the restarts of O'Donoghue and Candes 2015).  A solve has ended with a
+    pass after a plain one.
+    """
+    now, queued = rows.now, rows.queued
+    little = LITTLE * tolerance
+    done, fresh = -1 - k.passes, True
+    age, before, beta = ZERO, 0.0, 0.0
+    for j in range(size):
+        set_past(rows.field, lane_of(now[j]))
+    for p in range(PLAIN, k.passes):
+        rows.effort[0] += m
+        if whole:
+            for j in range(size):
+                queued[now[j]] = 0
+            begin_blocks(rows, fresh)
+            sweep_rows(rows, per_mass, v, True, crew)
+            many, worst = count_changed(rows, little, crew)
+            square, onward = slope_blocks(rows)
+            whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
+            found = ZERO if whole else queue_changed(rows, k.n, ZERO, v, little)
+            size = ZERO
+        else:
+            rows.effort[1] += m - size
+            found, worst, square, onward = sweep_on(rows, size, per_mass, v, little)
+        settled = worst <= tolerance and beta == 0.0
+        age = age + 1 if onward >= 0.0 and square <= before else ZERO
+        before = square
+        beta = age / (age + 3.0) if worst > tolerance and p + LAST_PLAIN < k.passes else 0.0
+        fresh = beta == 0.0
+        if whole and not fresh:
+            go_on_blocks(rows, beta, per_mass, v)
+        elif not whole:
+            listed = size > 0
+            if listed and not fresh:
+                found = go_on_queue(rows, size, found, beta, per_mass, v, little)
+            next_queue(rows, size, found, fresh)
+            size = found
+            whole = listed and size > rows.first[COLOURS]
+            fresh = fresh or whole  # what was not on the list has no past
+        if settled:
+            done = p + 1
+            break
+    for j in range(size):
+        queued[now[j]] = 0
+    return done
+
+
 @inline
 def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
           s: np.ndarray, v: Bodies, tolerance: float, crew: Crew) -> int:
     """Gauss-Seidel passes until none changes a contact velocity by more than `tolerance`.
 
     The impulses that the rows carry must already have been applied.  Passes are over all blocks
-    while many rows change, then over the rows on a list.  Momentum grows from pass to pass, and
-    begins anew where it has gone too far, or where a pass did more than the one before (the
-    restarts of O'Donoghue and Candes 2015).  On a floor with friction there is none: what is pushed
-    beyond what the floor holds, and back to within the tolerance, creeps.
+    while many rows change, then over the rows on a list.  On a floor with friction they go forward
+    and backward by turns, and have no momentum, which needs passes that all go the same way: with
+    those a block that the floor helps to hold creeps.
     Returns the number of passes, or -1 - passes where the limit was reached first.
     """
     if floor.law != 0:
@@ -773,45 +850,27 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, im: float, ii: float,
     now, queued = rows.now, rows.queued
     little = LITTLE * tolerance
     set_all(v.moved, ZERO)
-    done, whole, fresh = -1 - k.passes, True, True
-    size, age, square, onward, before, beta = ZERO, ZERO, 0.0, 0.0, 0.0, 0.0
+    done, whole = -1 - k.passes, True
+    size = ZERO
     for p in range(k.passes):
+        if floor.law == 0 and p == PLAIN:
+            return int(hasten(rows, m, k, ii / im, v, tolerance, whole, size, crew))
         rows.effort[0] += m
-        hastens = floor.law == 0 and p >= PLAIN
         if whole:
             for j in range(size):
                 queued[now[j]] = 0
-            if hastens:
-                begin_blocks(rows, fresh)
-            sweep_rows(rows, ii / im, v, hastens or p < PLAIN or p % 2 == 0, crew)
+            sweep_rows(rows, ii / im, v, p < PLAIN or p % 2 == 0, crew)
             if floor.law != 0:
                 sweep_floor(floor, k, im, ii, c, s, v, crew)
             many, worst = count_changed(rows, little, crew)
-            if hastens:
-                square, onward = slope_blocks(rows)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
-            found = ZERO if whole else queue_changed(rows, k.n, floor.law, v, little)
-            size = ZERO
+            size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
         else:
             rows.effort[1] += m - size
-            found, worst, square, onward = sweep_queue(rows, size, k, floor, im, ii, c, s, v,
-                                                       little)
-        settled = worst <= tolerance and beta == 0.0  # a pass after a plain one
-        age = age + 1 if hastens and onward >= 0.0 and square <= before else ZERO
-        before = square if hastens else 0.0
-        beta = age / (age + 3.0) if worst > tolerance and p + LAST_PLAIN < k.passes else 0.0
-        fresh = beta == 0.0
-        if whole and not fresh:
-            go_on_blocks(rows, beta, ii / im, v)
-        elif not whole:
-            listed = size > 0
-            if listed and not fresh:
-                found = go_on_queue(rows, size, found, beta, ii / im, v, little)
-            next_queue(rows, size, found, fresh)
-            size = found
-            whole = listed and size > rows.first[COLOURS]
-            fresh = fresh or whole  # what was not on the list has no past
-        if settled:
+            size, worst = sweep_queue(rows, size, k, floor, im, ii, c, s, v, little)
+            whole = size > rows.first[COLOURS]
+        copy(rows.then, now, size)
+        if worst <= tolerance:
             done = p + 1
             break
     for j in range(size):
