@@ -91,7 +91,7 @@ def sweep(reference: Reference) -> list[Row]:
     coarse = tuple(h for h in COARSE if not reference.slow
                    and math.isclose(round(reference.duration / h) * h, reference.duration))
     cases = [(h, 4, *usual) for h in coarse + reference.steps]
-    if not reference.slow or len(reference.steps) == 1:
+    if not reference.slow or len(reference.steps) == 1:  # few cases are cheap in slow ones, too
         cases += [(h, 1, *effort) for h in coarse + reference.steps
                   for effort in (usual, (LOOSE, default.passes), (LOOSE, 2))]
     if reference.steps == STEPS:
