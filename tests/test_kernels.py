@@ -368,10 +368,11 @@ def test_lists_kept_or_found_every_step_give_the_same_bits():
 def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, tolerance):
     """Sixteen tiles in a corner, without a floor, under a load that turns by 7 degrees in a
     second: with every row solved in every pass or not, and with every substep or not, the same
-    within the tolerance, which bounds the velocities, and what a second makes of it the places.
+    places and velocities after a quarter of a second in which nothing hits.
 
-    That holds at this moment.  Each is within the tolerance of a solution, and at other moments the
-    two are up to 1.3 tolerances (velocities) and 1.8 (places) apart."""
+    The tolerance is what a solve leaves at each contact; a tile far from the wall has that of all
+    contacts between, so that the bound is one tolerance a tile, for either of its centre's
+    velocities.  In half of these windows it is less than one."""
     def pile(**options):
         tiles = [tile(0.0305 * i, 0.0305 * j, 0.02 * i) for i in range(4) for j in range(4)]
         return Simulation(with_solver(scene(
@@ -381,19 +382,26 @@ def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, toleranc
 
     first = {"join_substeps": switch == "join_substeps"}
     left_out, plain = pile(**first), pile(**first | {switch: False})
-    left_out.run(10.0)
-    for a, b in zip(plain.state[:7], left_out.state[:7], strict=True):
-        a[:] = b
-    for a, b in zip(plain.state.impulses, left_out.state.impulses, strict=True):
-        a[:] = b
-    plain.steps = left_out.steps
-    for s in (left_out, plain):
-        getattr(s.counts, counter)[0] = 0
-        s.run(1.0)
+    left_out.run(6.0)
+    ways, velocities = [], []
+    for _ in range(72):
+        for a, b in zip(plain.state[:7], left_out.state[:7], strict=True):
+            a[:] = b
+        for a, b in zip(plain.state.impulses, left_out.state.impulses, strict=True):
+            a[:] = b
+        plain.steps = left_out.steps
+        for s in (left_out, plain):
+            s.counts.impacts[0] = 0
+            s.run(0.25)
+        if left_out.counts.impacts[0] == plain.counts.impacts[0] == 0:
+            gap = np.abs(state(left_out) - state(plain))
+            ways.append(gap[:2].max())
+            velocities.append(gap[3:5].max())
     assert getattr(left_out.counts, counter)[0] > 480 > 0 == getattr(plain.counts, counter)[0]
-    gap = np.abs(state(left_out) - state(plain))
-    assert gap[:2].max() < tolerance * 1.0
-    assert gap[3:5].max() < tolerance
+    assert len(velocities) >= 5
+    assert max(velocities) < 16 * tolerance
+    assert max(ways) < 16 * tolerance * 0.25
+    assert np.median(velocities) < tolerance
 
 
 @pytest.mark.parametrize(("gap", "speed", "spin", "number"), [
