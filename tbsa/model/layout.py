@@ -109,7 +109,8 @@ def _place(
     """Random sequential placement of `wanted` squares beside those at `x`, `y`, `angle`.
 
     Batches of random positions are tested at once but accepted in their order, and each takes
-    three random numbers: the size of a batch makes no difference.
+    three random numbers: the size of a batch makes no difference but to time.  It is no less than
+    the number of tiles that are sorted for it.
     """
     reactor, width, before = scene.reactor, scene.material.width, len(x)
     assert reactor is not None  # the scene is validated
@@ -126,7 +127,7 @@ def _place(
                             f"overlap; the tiles would cover {(wanted + before) / area:.2f} of "
                             "the reactor, and random placement ends near 0.5, or earlier where "
                             "walls leave tiles no room to turn")
-        batch = min(max(2 * (before + wanted - len(x)), 256), 65536, left)
+        batch = min(max(2 * (before + wanted - len(x)), len(x), 256), 65536, left)
         left -= batch
         u, v, turn = numbers.random((batch, 3)).T
         p, q = _point(reactor, u, v)
