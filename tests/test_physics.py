@@ -612,3 +612,28 @@ def test_a_tile_that_is_shot_at_the_wall_within_a_step_is_stopped_by_it(substeps
     assert s.counts.surprises[0] >= 1
     assert s.counts.deepest[0] < 1e-3 * WIDTH
     assert s.vx[0] < 0.0
+
+
+def test_what_rubs_elsewhere_does_not_pay_for_work_done_here():
+    """A row of twenty tiles is pressed against a held one, and the load ends: it stays, whether or
+    not a tile rubs along others seven metres away.  Contacts do no work in sum, wherever they hang
+    together."""
+    turn = -math.pi / 4
+    along = np.array([math.cos(turn), math.sin(turn)])
+
+    def released(far):
+        tiles = [tile(0, 0, turn, held=True),
+                 *(tile(*(-(i + 1) * WIDTH * along), turn) for i in range(20))]
+        if far:
+            tiles += [tile(5 + i * WIDTH, 5, held=True) for i in range(40)]
+            tiles += [tile(5 + 0.3 * WIDTH, 5 + WIDTH, vx=2.0)]
+        s = simulate(tiles, body=material(friction=0.5), step=1 / 120, substeps=12,
+                     tolerance=2e-2, passes=40, drive=Drive("constant", tuple(0.5 * along)))
+        s.run(0.25)
+        s.parameters[:] = 0.0
+        s.run(0.5)
+        way = state(s)[:2, 1:21] + np.outer(along, WIDTH * np.arange(1, 21))
+        return np.abs(way).max() / WIDTH
+
+    assert released(far=False) < 0.1
+    assert released(far=True) < 0.1

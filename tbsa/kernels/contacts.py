@@ -99,6 +99,7 @@ class Rows(NamedTuple):
     new_corner: np.ndarray
     start: np.ndarray  # int64[n + 2], where the rows of every body begin in ...
     of: np.ndarray  # int64, the rows of every mobile tile, each as 8 block + lane
+    island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     colours: np.ndarray  # int64[ALONE], the colours in use, in order, without the last
@@ -130,7 +131,8 @@ def empty_rows(n: int, capacity: int) -> Rows:
     return Rows._make([
         *lists[0], field[shift : shift + blocks * int(BLOCK)],
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
-        np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64), np.zeros(ALONE, np.int64),
+        np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
+        np.zeros(ALONE, np.int64),
         np.zeros(2, np.int64), np.zeros(2, np.int64)])
 
 
@@ -468,8 +470,9 @@ def fill_lane(rows: Rows, k: int, t: int, a: int, b: int, n: int, mobile: np.nda
 
 @inline
 def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
-    """List the rows of every mobile tile, in order."""
+    """List the rows of every mobile tile, in order, and find what hangs together through them."""
     ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
+    island = rows.island
     set_all(start, ZERO)
     for i in range(m):
         start[U(ra[i]) + U(1)] += 1
@@ -486,6 +489,23 @@ def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
         if mobile[b] != 0.0:  # the ground is not
             of[fill[b]] = row
             fill[b] += 1
+    for i in range(n + 1):
+        island[i] = i
+    for i in range(m):
+        if mobile[ra[i]] * mobile[rb[i]] != 0.0:
+            p, q = root(island, ra[i]), root(island, rb[i])
+            island[max(p, q)] = min(p, q)
+    for i in range(n):
+        island[i] = island[island[i]]
+
+
+@inline
+def root(parent: np.ndarray, i: int) -> int:
+    """The first tile of the island that a tile is part of."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
 
 
 @inline

@@ -7,6 +7,9 @@ problem with friction; then decompression, in which every point gives back at le
 normal impulse of compression, with friction of its own bound mu times its own impulse.  Such a
 pair of problems may gain energy where friction couples points; the decompression of an island
 is then shortened until its kinetic energy does not rise.
+
+What hits one after the other in a substep does so in rounds, in the order of time; what does not
+hit before its end is left to go on (`fly_on`), and hits in the next one.
 """
 
 from __future__ import annotations
@@ -27,7 +30,6 @@ from tbsa.kernels.contacts import (
     BN0,
     BN1,
     BODIES,
-    CHANGE,
     COLOURS,
     COUNT,
     GAP0,
@@ -57,20 +59,29 @@ from tbsa.kernels.contacts import (
     Rows,
     corner_arm,
     place_block,
+    root,
     wall_gap,
     weigh_block,
 )
 from tbsa.kernels.geometry import cos_sin, square_square
 from tbsa.kernels.jit import ZERO, U, inline
 from tbsa.kernels.routh import routh
-from tbsa.kernels.solver import Bodies, Numbers, solve_row
+from tbsa.kernels.solver import Bodies, Numbers, lane_of, solve_row
 
 # Points nearer than this fraction of the width take part in an impact of their tiles.
 TOUCHING = 1e-3
 # Two points of a manifold whose gaps differ by less hit together.
 FLUSH = 1e-6
+# Error of a gap for each metre of where its tiles are: some units in the last place.
+ROUNDING = 2e-15
 # How a point that is about to hit meets the other body.
 TOGETHER, ALONE, LATER = 0, 1, 2
+# Hits of one tile at times that differ by less than this part of the substep are one.
+SAME = 1e-3
+# A solve of many impacts leaves up to so many tolerances.
+ROUGH = 10.0
+# What is thrown may hit again in the same substep, so many times; then the solve stops it.
+ROUNDS = 8
 
 
 class Scratch(NamedTuple):
@@ -96,15 +107,6 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
     parts = [np.zeros(8 * blocks, np.int64) for _ in range(2)]
     parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[2:-1]])
     return Scratch._make([*parts, np.zeros(2, np.int64)])
-
-
-@inline
-def root(parent: np.ndarray, i: int) -> int:
-    """Representative of a tile's island."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @inline
@@ -150,32 +152,48 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
         if vn >= 0.0:
             return LATER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         step = gap / -vn
-        if abs(step) <= 1e-12 * k.h or (time == 0.0 and step <= 0.0):
+        # As near as the places themselves are known.
+        least = max(1e-12 * k.h * -vn, ROUNDING * (abs(xa) + abs(ya) + k.width))
+        if abs(gap) <= least or (time == 0.0 and step <= 0.0):
             return ALONE if time <= k.h else LATER, time, nx, ny, an, bn, at, bt
         time = min(max(time + step, 0.0), 2.0 * k.h)
     return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @inline
+def fly_on(r: np.ndarray, i: int, h: float) -> None:
+    """The row in lane i, that would hit if its tiles went straight, does not within h, as they
+    turn: nothing is to slow it down before it does."""
+    hit = r[i + HIT]
+    if hit != 2.0:
+        r[i + WANT0] = max(r[i + WANT0], -r[i + VN0])
+        r[i + BEND0] = max(r[i + BEND0], -(r[i + GAP0] / h + r[i + VN0]) / h)
+    if hit >= 2.0:
+        r[i + WANT1] = max(r[i + WANT1], -r[i + VN1])
+        r[i + BEND1] = max(r[i + BEND1], -(r[i + GAP1] / h + r[i + VN1]) / h)
+    r[i + HIT] = 0.0
+
+
+@inline
 def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: float,
                 v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
-                s: np.ndarray) -> bool:
-    """Routh's impact at the one point of a row that hits; False where others hit with it.
+                s: np.ndarray) -> int:
+    """Routh's impact at the one point of a row that hits.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
     the velocities that they then have: what they do after the impact is exact, and no momentum
-    is lost.
+    is lost; what else they then hit is marked.  Returns `how` of `meeting`; where others hit with
+    this one, nothing is done.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
     if r[i + HIT] == 3.0:
-        return False
+        return TOGETHER
     how, time, nx, ny, an, bn, at, bt = meeting(rows, block, lane, k, v, x, y, angle)
-    if how == TOGETHER:
-        return False
     if how == LATER:
-        r[i + HIT] = 0.0
-        return True
+        fly_on(r, i, k.h)
+    if how != ALONE:
+        return int(how)
     a, b = U(body[t]), U(body[t + LANES])
     vx, vy, w = v.vx, v.vy, v.w
     ma, mb = v.mobile[a], v.mobile[b]
@@ -199,34 +217,27 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
     x[b] -= time * mb * im * px
     y[b] -= time * mb * im * py
     angle[b] -= time * turn_b
-    r[i + HIT] = 0.0
     for body_index in (a, b):
         if body_index == U(k.n) or v.mobile[body_index] == 0.0:
             continue
         c[body_index], s[body_index] = cos_sin(angle[body_index])
-    place_again(rows, block, k, ii / im, v, x, y, c, s)
+    # What turns may close again, by next to nothing, where it has just been stopped.
+    threshold = max(k.threshold, -1e-3 * vn)
+    place_again(rows, block, k, ii / im, threshold, v, x, y, c, s)
     for body_index in (a, b):
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
             if rows.of[p] // 8 != block:
-                place_again(rows, rows.of[p] // 8, k, ii / im, v, x, y, c, s)
-    return True
+                place_again(rows, rows.of[p] // 8, k, ii / im, threshold, v, x, y, c, s)
+    return ALONE
 
 
 @inline
-def place_again(rows: Rows, block: int, k: Numbers, per_mass: float, v: Bodies, x: np.ndarray,
-                y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """The rows of a block from where its tiles are now; what hits stays as it was found."""
-    r = rows.field
-    o = U(block) * BLOCK
-    hits = rows.hits[block]
-    for i in range(LANES):
-        r[o + CHANGE + i] = r[o + HIT + i]
+def place_again(rows: Rows, block: int, k: Numbers, per_mass: float, threshold: float, v: Bodies,
+                x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """The rows of a block from where its tiles are now, and what hits at their new velocities."""
     place_block(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx, v.vy,
                 v.w)
-    weigh_block(rows, block, k.h, per_mass, k.threshold)
-    for i in range(LANES):
-        r[o + HIT + i] = r[o + CHANGE + i]
-    rows.hits[block] = hits
+    weigh_block(rows, block, k.h, per_mass, threshold)
 
 
 @inline
@@ -256,7 +267,7 @@ def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size:
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known = v.mobile, z.known
-    now, then, rough = rows.now, rows.then, 10.0 * k.tolerance
+    now, then, rough, near = rows.now, rows.then, ROUGH * k.tolerance, TOUCHING * k.width
     for _ in range(k.passes):
         m = 0
         for j in range(size):
@@ -270,8 +281,11 @@ def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size:
                     continue
                 for p in range(start[tile], start[tile + 1]):
                     other = of[p]
-                    if known[other] == 2 or r[U(other // 8) * BLOCK + U(other % 8) + COUNT] == 0.0:
+                    i = lane_of(other)
+                    if known[other] == 2 or r[i + COUNT] == 0.0:
                         continue
+                    if known[other] == 0 and min(r[i + GAP0], r[i + GAP1]) > near:
+                        continue  # what is thrown at it hits it in the next round
                     if known[other] == 0:
                         enter(rows, other, k.h, mobile, v, z)
                     known[other] = 2
@@ -342,45 +356,85 @@ def note_energy(k: Numbers, vx: np.ndarray, vy: np.ndarray, w: np.ndarray, z: Sc
 
 
 @inline
-def touching_rows(rows: Rows, tile: int, near: float) -> int:
-    """Rows of a tile that hit, or touch to `near`."""
-    r, m = rows.field, 0
+def hit_times(r: np.ndarray, i: int) -> Any:
+    """When the points of the row in lane i hit, its tiles going straight (s from now); infinite
+    for a point that does not."""
+    hit = r[i + HIT]
+    first = max(r[i + GAP0], 0.0) / -r[i + VN0] if hit == 1.0 or hit == 3.0 else math.inf
+    second = max(r[i + GAP1], 0.0) / -r[i + VN1] if hit >= 2.0 else math.inf
+    return first, second
+
+
+@inline
+def company(rows: Rows, tile: int, row: int, time: float, k: Numbers) -> int:
+    """What else a tile meets whose `row` hits after this time: ALONE nothing, before; TOGETHER
+    what it touches and does not leave, or hits at the same time; LATER, as it hits something else
+    first."""
+    r, how, near = rows.field, ALONE, TOUCHING * k.width
     for p in range(rows.start[tile], rows.start[tile + 1]):
-        k = U(rows.of[p] // 8) * BLOCK + U(rows.of[p] % 8)
-        close = r[k + HIT] != 0.0 or min(r[k + GAP0], r[k + GAP1]) < near
-        m += 1 if close and r[k + COUNT] != 0.0 else 0
-    return m
+        i = lane_of(rows.of[p])
+        if rows.of[p] == row or r[i + COUNT] == 0.0:
+            continue
+        sooner = min(hit_times(r, i)) - time
+        leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > k.threshold
+                  and (r[i + COUNT] == 1.0 or r[i + VN1] > k.threshold))
+        if abs(sooner) <= SAME * k.h or (
+                min(r[i + GAP0], r[i + GAP1]) < near and not leaves):
+            return TOGETHER
+        if sooner < 0.0:
+            how = LATER
+    return how
 
 
 @inline
 def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
             angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """Impulses of everything that hits in this substep, as marked in ``hit``.
+    """Impulses of everything that hits in this substep, as marked in ``hit``: in rounds, as what
+    is thrown may hit something else, or the same tile with another corner.
 
     The floor's dry friction is a finite force and does nothing in an impact.  Only the rows that
-    the impact reaches are looked at; they are left as they were.
+    an impact reaches are looked at; they are left as they were.
     """
-    im, ii = 1.0 / k.mass, 1.0 / k.inertia
     r, body, hits, mobile = rows.field, rows.body, rows.hits, v.mobile
-    touching = TOUCHING * k.width
-    size = ZERO
-    set_all(z.size, ZERO)
-    for block in range(rows.first[COLOURS]):
-        if hits[block] == 0:
-            continue
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):
-            if r[o + HIT + i] == 0.0:
+    for turn in range(ROUNDS):
+        size, more = ZERO, ZERO
+        for block in range(rows.first[COLOURS]):
+            if hits[block] == 0:
                 continue
-            a, b = body[t + i], body[t + LANES + i]
-            alone = ((mobile[a] == 0.0 or touching_rows(rows, a, touching) == 1)
-                     and (mobile[b] == 0.0 or touching_rows(rows, b, touching) == 1))
-            if not (alone and lone_impact(rows, block, i, k, im, ii, v,
-                                                x, y, angle, c, s)):
-                rows.now[size] = 8 * block + int(i)
-                size += 1
-    if size == 0:
-        return
+            o, t = U(block) * BLOCK, U(block) * BODIES
+            for i in range(LANES):
+                if r[o + HIT + i] == 0.0:
+                    continue
+                row, how = 8 * block + int(i), ALONE
+                time = min(hit_times(r, o + i))
+                for tile in (body[t + i], body[t + LANES + i]):
+                    if mobile[tile] != 0.0 and how != TOGETHER:
+                        other = company(rows, tile, row, time, k)
+                        how = other if other != ALONE else how
+                if how == ALONE:
+                    how = lone_impact(rows, block, i, k, 1.0 / k.mass, 1.0 / k.inertia, v, x, y,
+                                      angle, c, s)
+                    more += 1 if how == ALONE else 0
+                elif how == LATER and turn < ROUNDS - 1:
+                    more += 1
+                else:
+                    how = TOGETHER
+                if how == TOGETHER:
+                    rows.now[size] = row
+                    size += 1
+        if size > 0:
+            together(rows, k, v, z, x, y, c, s, size)
+        if size + more == 0:
+            break
+
+
+@inline
+def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
+             c: np.ndarray, s: np.ndarray, size: int) -> None:
+    """Impulses of the `size` rows in ``rows.now``, that hit together, and of what they reach."""
+    im, ii = 1.0 / k.mass, 1.0 / k.inertia
+    r, body, mobile = rows.field, rows.body, v.mobile
+    set_all(z.size, ZERO)
     for j in range(size):
         enter(rows, rows.now[j], k.h, mobile, v, z)
         z.known[rows.now[j]] = 2
@@ -430,15 +484,22 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
         at = U(q // 8) * BLOCK + U(q % 8)
         z.known[q] = 0
         r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
-        r[at + BASE] = 0.0
-        r[at + BEND0] = r[at + BEND1] = 0.0  # they were those of other spins
-        r[at + WANT0], r[at + WANT1] = max(r[at + GAP0], 0.0) / k.h, max(r[at + GAP1], 0.0) / k.h
+        r[at + BASE] = r[at + HIT] = 0.0
     for j in range(z.size[1]):
         i = z.tiles[j]
         z.in_it[i] = 0
+        for p in range(rows.start[i], rows.start[i + 1]):
+            at = lane_of(rows.of[p])
+            if r[at + COUNT] != 0.0:  # bends were those of other spins
+                r[at + BEND0] = r[at + BEND1] = 0.0
+                r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
+                r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
+    for j in range(z.size[1]):
+        i = z.tiles[j]
         # A tile that has been thrown may close gaps that were too wide to matter.
         corners = (math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
                    + 0.7072 * k.width * abs(v.w[i]))
         if k.h * corners > SPARE * k.width:
             for p in range(rows.start[i], rows.start[i + 1]):
-                place_again(rows, rows.of[p] // 8, k, ii / im, v, x, y, c, s)
+                place_again(rows, rows.of[p] // 8, k, ii / im, k.threshold + ROUGH * k.tolerance,
+                            v, x, y, c, s)

@@ -117,6 +117,7 @@ PLAIN, LAST_PLAIN = 4, 4
 FROM0, FROM1, FROMT = WARM0, WARM1, WARMT
 PAST0, PAST1, PASTT = VN0, VN1, HIT
 SOLVED = 2  # on the list of this pass, in ``queued``; 1: of the next; 3: of both
+FLYING = 2.0  # tolerances
 PROJECTIONS = 2  # passes of what takes it back, in a substep
 
 
@@ -912,34 +913,50 @@ def work_on(k: Numbers, im: float, ii: float, v: Bodies, u: Bodies, begin: int,
 @inline
 def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c: np.ndarray,
                s: np.ndarray, v: Bodies, u: Bodies, crew: Crew) -> None:
-    """Scale the contact impulses down where, together, they would do work.
+    """Scale the contact impulses down of what, hanging together, would be done work on.
 
     A solved contact problem only takes energy from the velocities `u` that it began with; one
     that was broken off, above all one begun with the impulses of a substep before whose load
     has gone, may add some.  The work, impulses times mean velocity, is a parabola in the scale.
+    Where tiles have no rows with others, these have their own.
     """
     vx, vy, w, ux, uy, uw = v.vx, v.vy, v.w, u.vx, u.vy, u.w
-    floorx, floory, floort = v.floorx, v.floory, v.floort
+    floorx, floory, floort, island = v.floorx, v.floory, v.floort, rows.island
     n = U(k.n)
     energy, power = v.change, u.change
     begin, end = give(crew, WORK, ZERO, k.n, LEAST_TILES)
     work_on(k, im, ii, v, u, begin, end)
     collect(crew)
-    square, mixed = 0.0, 0.0
     for i in range(n):  # a loop of its own: sums are in order, and do not vectorise
-        square += energy[i]
-        mixed += power[i]
-    if square + mixed <= 1e-14 * square:
-        return
-    scale = max(-mixed / square, 0.0)
+        first = island[i]
+        if first != i:
+            energy[first] += energy[i]
+            power[first] += power[i]
+    some, scale = 0, power
     for i in range(n):
-        vx[i] = ux[i] + scale * (vx[i] - im * floorx[i] - ux[i])
-        vy[i] = uy[i] + scale * (vy[i] - im * floory[i] - uy[i])
-        w[i] = uw[i] + scale * (w[i] - ii * floort[i] - uw[i])
-    set_all(floorx, 0.0)
-    set_all(floory, 0.0)
-    set_all(floort, 0.0)
-    scale_impulses(rows, scale)
+        works = (island[i] == i) & (energy[i] + power[i] > 1e-14 * energy[i])
+        scale[i] = max(-power[i] / energy[i], 0.0) if works else 1.0
+        some += 1 if works else 0
+    if some == 0:
+        return
+    scale[n] = 1.0
+    for i in range(n):
+        part = scale[island[i]]
+        if part == 1.0:
+            continue
+        vx[i] = ux[i] + part * (vx[i] - im * floorx[i] - ux[i])
+        vy[i] = uy[i] + part * (vy[i] - im * floory[i] - uy[i])
+        w[i] = uw[i] + part * (w[i] - ii * floort[i] - uw[i])
+        floorx[i] = floory[i] = floort[i] = 0.0
+    r, body, mobile = rows.field, rows.body, v.mobile
+    for block in range(rows.first[COLOURS]):
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):
+            a, b = body[t + i], body[t + LANES + i]
+            part = scale[island[a if mobile[a] != 0.0 else b]]
+            r[o + PN0 + i] *= part
+            r[o + PN1 + i] *= part
+            r[o + PT + i] *= part
     if floor.law != 0:
         sweep_floor(floor, k, im, ii, c, s, v, crew)
 
@@ -1013,8 +1030,12 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
     ``hit``, and count them in ``hits``.
 
     With the velocities of each row when it was last solved, which is near enough to choose.
+    A point that the solve has only kept from coming too far, as it is still on its way at more
+    than what a solve leaves, gets rid of its impulse: it has not been in contact, and hits in the
+    next substep.
     """
     r, hits, low = rows.field, rows.hits, -SLOP * k.width
+    away = k.h * (k.threshold + FLYING * k.tolerance)
     for block in range(begin, last):
         o = U(block) * BLOCK
         some = 0
@@ -1028,6 +1049,8 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
                                        - r[at + AN1] * wa)
             near = ((g0 < low) & (count > 0.5)) | ((g1 < low) & (count > 1.5))
             r[at + HIT] = 1.0 if near else 0.0
+            r[at + PN0] = 0.0 if r[at + GAP0] > away else r[at + PN0]
+            r[at + PN1] = 0.0 if r[at + GAP1] > away else r[at + PN1]
             some += 1 if near else 0
         hits[block] = some
 
