@@ -396,3 +396,19 @@ def test_an_impact_does_not_depend_on_where_it_is():
     assert abs(here[2] - 2.0) > 0.1
     for x, y in ((0.5, 0.2), (10.0, -3.0), (-100.0, 40.0)):
         assert hit(x, y) == pytest.approx(here, abs=1e-9 * max(abs(x), 1.0))
+
+
+def test_a_corner_that_sweeps_past_hits_what_is_in_its_way():
+    """A spinning tile's corner would dip 3 % of the width into a held tile and come out again, in
+    one substep perhaps: it hits on its way in, at whatever angle it begins, and loses nothing."""
+    for spin in (150.0, 300.0, 600.0):
+        for angle in np.linspace(0.0, math.pi / 4 - 0.5, 40):
+            s = simulate([tile(0, 0, held=True),
+                          tile((0.5 + math.sqrt(0.5) - 0.03) * WIDTH, 0.1 * WIDTH, angle,
+                               spin=spin)],
+                         body=material(friction=0.0, restitution=1.0), **RECOMMENDED)
+            energy = s.kinetic_energy()
+            s.advance(6)
+            assert s.counts.impacts[0] > 0
+            assert s.counts.deepest[0] < 5e-3 * WIDTH
+            assert s.kinetic_energy() == pytest.approx(energy, rel=1e-6)

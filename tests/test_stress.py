@@ -5,9 +5,12 @@ The rows, and what makes one green, are in ``tests/benchmarks/stress.py``.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tbsa.model.scene import Drive, Floor, Material, Reactor, Record, Run, Solver
 from tbsa.model.simulation import Simulation
 from tests.benchmarks import stress
 from tests.benchmarks.invariants import MagnetEnergy, Watch, beyond_wall, deepest, glues_of
@@ -77,3 +80,16 @@ def test_the_energy_of_many_magnets_is_the_sum_over_all_pairs():
         for a in range(len(poses)) for b in range(a))
     assert abs(total) > 1e-5
     assert MagnetEnergy(scene, glues)(s.x, s.y, s.angle) == pytest.approx(total, rel=1e-7)
+
+
+def test_smooth_tiles_under_a_strong_torque_never_overlap_by_a_fiftieth():
+    """36 tiles without friction that their drive spins to hundreds of rad/s, at the recommended
+    settings for half a minute: corners that sweep through where others are hit them."""
+    wall = Reactor("circle", 0.237, friction=0.0, restitution=0.2)
+    scene = stress.crowd(36, 0.237, drive=Drive("unicycle", 0.082, 0.00493, 1.0),
+                         floor=Floor("exact"), material=Material(friction=0.0), wall=wall)
+    s = Simulation(replace(scene, solver=Solver(1 / 120, 12, 2e-2), run=Run(10.0, 9161),
+                           record=Record(1.0, 1.0)))
+    s.run(30.0)
+    assert np.abs(s.omega).max() > 100
+    assert s.counts.deepest[0] < 0.02 * s.scene.material.width

@@ -114,9 +114,9 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
             y: np.ndarray, angle: np.ndarray) -> Any:
     """When and where the point of a row that hits closes its gap, both bodies flying on.
 
-    Newton's method for the gap as a function of time.  Returns ``(how, time, n_x, n_y, an, bn,
-    at, bt)``, time in s from now; how: TOGETHER with another point, ALONE, or LATER than in this
-    substep, if at all.
+    Newton's method for the gap as a function of time, between a time `before` and, where the point
+    has turned back, one `after`.  Returns ``(how, time, n_x, n_y, an, bn, at, bt)``, time in s from
+    now; how: TOGETHER with another point, ALONE, or LATER than in this substep, if at all.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
@@ -125,8 +125,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
     vx, vy, w = v.vx, v.vy, v.w
     second = r[i + HIT] == 2.0
     gap, vn = (r[i + GAP1], r[i + VN1]) if second else (r[i + GAP0], r[i + VN0])
-    time = max(gap, 0.0) / -vn
-    for _ in range(20):
+    time, before, after = max(gap, 0.0) / -vn, 0.0, 2.0 * k.h
+    for _ in range(40):
         qa = angle[a] + time * w[a]
         ca, sa = cos_sin(qa)
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
@@ -150,13 +150,19 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
                 return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
         if vn >= 0.0:
-            return LATER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            after = min(time, after)
+            if after - before < SAME * k.h:
+                return LATER if gap >= 0.0 else TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            time = 0.5 * (before + after)
+            continue
         step = gap / -vn
         # As near as the places themselves are known.
         least = max(1e-12 * k.h * -vn, ROUNDING * (abs(xa) + abs(ya) + k.width))
         if abs(gap) <= least or (time == 0.0 and step <= 0.0):
             return ALONE if time <= k.h else LATER, time, nx, ny, an, bn, at, bt
-        time = min(max(time + step, 0.0), 2.0 * k.h)
+        before = time if gap > 0.0 else before
+        time = max(time + step, before)
+        time = time if time < after else 0.5 * (before + after)
     return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
