@@ -443,7 +443,9 @@ def driven(folder, source, parameters="[0.1]", function="push"):
 
 
 @pytest.mark.parametrize(("line", "words"), [
-    ("    if t > 0.1:\n        raise ValueError('boo')\n", r"ValueError \(boo\)"),
+    ("    if t > 0.1:\n        raise ValueError('boo\\nhoo')\n", r"ValueError \(boo hoo\)"),
+    ("    if t > 0.1:\n        raise ValueError(t)\n", r"ValueError \(0.1"),
+    ("    fx[:] = x[:3]\n", "ValueError"),
     ("    assert t < 0.1\n", "AssertionError"),
     ("    fx[0] += p[5]\n", "IndexError"),
     ("    fx[x.size] += 1.0\n", "IndexError")])
@@ -495,6 +497,32 @@ def test_what_is_no_drive_is_refused_in_one_line_before_anything_is_written(
         tbsa.run(driven(tmp_path, source), tmp_path / "run")
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(("lines", "words"), [
+    (("print(t)", "print('a')", "show(t)"), "print"),
+    (("fx[0] += np.random.random()", "fx[0] += random.random()"), "use random numbers"),
+    ([f"{name}[0] += 1.0" for name in
+      ("p", "x", "y", "angle", "vx", "vy", "omega", "family", "forward")], "write into"),
+    (("x[:] = 0.0", "x += 1.0", "x.fill(0.0)", "x.sort()", "np.sin(x, x)", "write(p)",
+      "other = p; other[0] = 1.0", "other = x[1:]; other[0] = 1.0"), "write into")])
+def test_a_drive_that_a_run_cannot_bear_is_refused_before_it_runs(tmp_path, lines, words):
+    """What it wrote elsewhere would be in no checkpoint, and what prints would do so for ever."""
+    helpers = ("import random\nimport numpy as np\nfrom numba import njit\n@njit\n"
+               "def show(a):\n    print(a)\n@njit\ndef write(a):\n    a[0] = 1.0\n")
+    for line in lines:
+        scene = driven(tmp_path, f"{helpers}{DRIVE}    if t > 1.0:\n        {line}\n")
+        with pytest.raises(InputError, match=f"drive.function: .* must not {words}") as caught:
+            tbsa.run(scene, tmp_path / "run")
+        assert len(str(caught.value).splitlines()) == 1, line
+        assert not (tmp_path / "run").exists()
+
+
+def test_a_drive_may_use_whole_arrays_and_helpers_of_its_own(tmp_path):
+    source = ("import numpy as np\nfrom numba import njit\n@njit\ndef add(a, b):\n"
+              "    a += b\n" + DRIVE + "    add(fx, p[0] * np.sin(x))\n")
+    for line in ("", "    fy[:] -= p[0] * y\n    torque += 1e-6 * np.hypot(vx, vy)\n"):
+        Simulation(driven(tmp_path, source + line)).run(0.1)
 
 
 def test_a_drive_need_not_be_called_py(tmp_path):

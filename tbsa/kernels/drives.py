@@ -11,7 +11,8 @@ angle (rad), velocity (m/s), spin (rad/s), ``family`` (a_i = omega_i: +1, -1 or 
 (once, if the number of substeps is odd), with the places at the middle of either half and the
 velocities at its beginning.  It is passed to the core as a
 first-class function, so a new engine never recompiles the core.  One of the user's own that
-raises, or leaves the bounds of an array, ends the run with an error.
+raises, or leaves the bounds of an array by an index, ends the run with an error; one that prints,
+uses random numbers or writes into anything but ``fx``, ``fy`` and ``torque`` is refused.
 """
 
 from __future__ import annotations
@@ -29,13 +30,16 @@ from tbsa.kernels.jit import callback
 
 _scalar = types.float64
 _array = types.Array(types.float64, 1, "C")
+_input = types.Array(types.float64, 1, "C", readonly=True)
 ENGINE = types.void(_scalar, *[_array] * 12)
+# What a user's drive wrote elsewhere would be in no checkpoint.
+GUARDED = types.void(_scalar, *[_input] * 9, *[_array] * 3)
 
 
 @cache
 def engine(function: Callable[..., None]) -> Any:
     """Compile `function` (see the module's text) for use as a drive; once a process."""
-    return callback(ENGINE, function)
+    return callback(ENGINE, function, GUARDED)
 
 
 def no_drive(t: float, p: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,

@@ -303,16 +303,54 @@ def entry(compiled: Any) -> Any:
     return overloads[0].entry_point if len(overloads) == 1 else compiled
 
 
-def callback(signature: Any, function: Callable[..., Any]) -> Any:
+class _OfUser(CFunc):
+    """A function of a user's as a callback: its indices are checked, and it can raise anything.
+
+    What is made of more than fixed text needs objects of Python, the environment, which Numba sets
+    for functions that Python calls, but not for callbacks; without them it would wait for ever,
+    with the GIL.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+        super().__init__(function, sigutils.normalize_signature(signature), locals={},
+                         options={"error_model": "numpy", "boundscheck": True})
+
+    def _compile_uncached(self) -> Any:
+        result = super()._compile_uncached()  # type: ignore[misc]
+        result.library.finalize()  # or the place of its environment is not known
+        result.library.codegen.set_env(result.fndesc.env_name, result.environment)
+        return result
+
+
+def callback(signature: Any, function: Callable[..., Any], guarded: Any) -> Any:
     """Compile `function` as a first-class function of one signature.
 
-    The package's own are cached on disk; a user's may call what no hash of ours sees change, and
-    its indices are checked.
+    The package's own are cached on disk; a user's may call what no hash of ours sees change.  It
+    is compiled as `guarded`, the same signature in which arrays that are not to be written are
+    read-only.
+
+    Raises
+    ------
+    TypeError
+        Where a user's function does what a run cannot bear; what Numba cannot compile raises
+        whatever Numba does.
     """
-    own = Path(function.__code__.co_filename).parent == Path(__file__).parent
-    compiled = CFunc(function, sigutils.normalize_signature(signature), locals={},
-                     options={"error_model": "numpy", "boundscheck": not own})
-    if own:
+    if Path(function.__code__.co_filename).parent == Path(__file__).parent:
+        compiled: Any = CFunc(function, sigutils.normalize_signature(signature), locals={},
+                         options={"error_model": "numpy", "boundscheck": False})
         _cached(compiled, function)
-    compiled.compile()
+        compiled.compile()
+        return compiled
+    compiled = _OfUser(function, guarded)
+    try:
+        compiled.compile()
+    except Exception:  # of many kinds and words, where it writes into what is read-only
+        _OfUser(function, signature).compile()
+        raise TypeError("it must not write into anything but fx, fy and torque") from None
+    code = compiled.inspect_llvm()
+    if "PySys_FormatStdout" in code:
+        raise TypeError("it must not print")
+    if "random_state" in code:
+        raise TypeError("it must not use random numbers: the same scene gives the same run")
+    compiled._sig = signature  # to whoever calls it there is no difference
     return compiled

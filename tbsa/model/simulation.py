@@ -262,8 +262,9 @@ class Simulation:
                 self._advance = entry(core.advance)  # the types are the same in every call
             if raised:
                 raise SimulationError(
-                    f"the drive raised {type(raised[0]).__name__} ({raised[0]}) between "
-                    f"t = {self.time} s and {self.time + left * self.h} s")
+                    f"the drive raised {type(raised[0]).__name__} "
+                    f"({' '.join(str(raised[0]).split())}) between t = {self.time} s and "
+                    f"{self.time + left * self.h} s")
             self.steps += done
             left -= done
             if error in self._capacity:
