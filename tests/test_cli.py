@@ -469,6 +469,18 @@ def test_a_run_of_another_scene_or_seed_cannot_be_resumed(run, here, capsys, arg
     assert "was written for another scene or seed" in line
 
 
+def test_a_run_of_another_version_is_shown_but_not_gone_on_with(run, here, capsys):
+    info = json.loads((run / "run.json").read_text())
+    for version in ("0.1.2", None):
+        (run / "run.json").write_text(json.dumps(info | {"version": version}))
+        line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume",
+                       "--duration", "3")
+        assert f"run/run.json: version: {version!r} must be {tbsa.__version__}, this " in line
+        assert "begin anew in another folder (--out)" in line
+    for command in ("metrics", "draw", "view"):
+        assert main([command, "run"]) == 0
+
+
 def test_what_does_not_change_the_motion_may_change_on_resume(run, here, capsys):
     (here / "scene.toml").write_text(
         SCENE.replace("A small reactor", "Another title").replace("duration = 2.0",
