@@ -481,6 +481,12 @@ def test_a_run_of_another_version_is_shown_but_not_gone_on_with(run, here, capsy
         assert main([command, "run"]) == 0
 
 
+def test_a_run_is_not_made_shorter(run, here, capsys):
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume",
+                   "--duration", "1.5")
+    assert "run.duration: 1.5 s is less than the 2 s that run holds" in line
+
+
 def test_what_does_not_change_the_motion_may_change_on_resume(run, here, capsys):
     (here / "scene.toml").write_text(
         SCENE.replace("A small reactor", "Another title").replace("duration = 2.0",

@@ -473,6 +473,10 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
             simulation = Simulation(scene, _read_layout(folder, scene), threads=threads)
             load_checkpoint(folder / "checkpoint.npz", simulation, mark)
             earlier = info["wall"]
+            if round(scene.run.duration / simulation.h) < simulation.steps:
+                raise InputError(f"s is less than the {simulation.time:g} s that {folder} holds: a "
+                                 "run can be made longer, not shorter", file=scene.file or None,
+                                 field="run.duration", value=scene.run.duration)
         else:
             for path in _check_new(folder, tile_count(scene)):
                 path.unlink(missing_ok=True)
