@@ -140,6 +140,15 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "seed.angle", "45.0 must be a number from -6.28319 to 6.28319 rad"),
     ("a seed larger than the reactor", TILES + REACTOR + '[seed]\nshape = "cross"\narm = 20\n',
      "seed", "[20, 0, 'black'] must be wholly inside the reactor (circle, radius 0.6 m)"),
+    ("a seed scattered over more sites than can be grown on", TILES + '[seed]\nshape = "cells"\n'
+     'cells = [[0, 0, "black"], [5000, 5000, "white"]]\n', "seed.cells",
+     "must lie closer together, or in a smaller [reactor]: their box has 2.5e+07 sites"),
+    ("a scattered seed in a large reactor", TILES + '[seed]\nshape = "cells"\n'
+     'cells = [[0, 0, "black"], [5000, 5000, "white"]]\n' + REACTOR.replace("0.6", "1e3"),
+     "seed.cells", "must lie closer together"),
+    ("a pattern that fills more sites than can be grown on", "temperature = 1\n" + TILES
+     + '[seed]\nshape = "L"\narm = 1\n' + REACTOR.replace("0.6", "1e3"), "reactor.radius",
+     "1000.0 must be less at temperature 1: the reactor has 3.49e+09 sites to grow on"),
     # reactor
     ("a reactor without a shape", GOOD + "[reactor]\nradius = 0.6\n", "reactor.shape",
      'is missing; must be one of "circle", "rectangle" or "none"'),

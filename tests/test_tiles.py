@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tbsa.errors import InputError
-from tbsa.model.scene import SETS, Scene, Seed, TileType, load, parse
+from tbsa.model.scene import SETS, TileType, load, parse
 from tbsa.model.tiles import (
     STEPS,
     Growth,
@@ -293,10 +292,3 @@ def test_the_order_of_the_seed_makes_no_difference(shuffler: random.Random):
     cells = list(PAPER.seed.cells)
     shuffler.shuffle(cells)
     assert grow(CHESSBOARD, cells, everywhere) == ground_truth(PAPER)
-
-
-def test_a_seed_scattered_over_more_sites_than_can_be_grown_on_is_refused():
-    cells = ((0, 0, "black"), (100_000, 100_000, "white"))
-    scene = Scene(SETS["chessboard"], seed=Seed(cells))
-    with pytest.raises(InputError, match=r"seed\.cells: must lie closer together, or in a \[reac"):
-        ground_truth(scene)

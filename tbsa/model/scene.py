@@ -194,6 +194,7 @@ class Scene:
         _check_magnet_and_tile(self)
         _check_times(self)
         _check_places(self)
+        _check_growth(self)
         if self.drive is not None and self.drive.kind == "user":
             _check_engine(self)
 
@@ -597,6 +598,45 @@ def _check_places(scene: Scene) -> None:
         other = f"seed cell {cells[j[k]]}" if j[k] < len(cells) else names[j[k]].split(".pos")[0]
         _fail(scene, names[i[k]], values[i[k]],
               f"must not overlap {other}; it does by {deep[k]:.3g} m (touching is allowed)")
+
+
+MOST_SITES = 10_000_000  # that a ground truth may have to grow on
+
+
+def growth_box(seed: Seed, margin: int) -> tuple[int, int, int, int]:
+    """The first and last column, first and last row of a seed with a margin on every side."""
+    columns, rows = [cell[0] for cell in seed.cells], [cell[1] for cell in seed.cells]
+    return min(columns) - margin, max(columns) + margin, min(rows) - margin, max(rows) + margin
+
+
+def growth_margin(scene: Scene) -> int:
+    """How far beyond its seed a pattern without a reactor may grow, in sites."""
+    return math.ceil(math.sqrt(tile_count(scene)))
+
+
+def _check_growth(scene: Scene) -> None:
+    """The ground truth, which the metrics need, is not too large to be grown."""
+    seed, reactor, single = scene.seed, scene.reactor, scene.temperature == 1
+    if seed is None:
+        return
+    # Tiles that need two neighbours never join outside the box of the seed.
+    left, right, low, high = growth_box(seed, growth_margin(scene) if single else 0)
+    sites = float((right - left + 1) * (high - low + 1))
+    if reactor is not None:
+        area = (math.pi * reactor.radius**2 if reactor.shape == "circle"
+                else reactor.width * reactor.height)
+        wall = area / scene.material.width**2
+        sites = wall if single else min(sites, wall)
+    if sites <= MOST_SITES:
+        return
+    many = f"{sites:.3g} sites to grow on, more than {MOST_SITES:.0e}"
+    if reactor is not None and single:
+        key = "radius" if reactor.shape == "circle" else (
+            "width" if reactor.width >= reactor.height else "height")
+        _fail(scene, f"reactor.{key}", getattr(reactor, key),
+              f"must be less at temperature 1: the reactor has {many}")
+    raise InputError(f"must lie closer together, or in a smaller [reactor]: their box has {many}",
+                     file=scene.file or None, field="seed.cells")
 
 
 def tile_count(scene: Scene) -> int:

@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, sqrt
 
 import numpy as np
 
-from tbsa.errors import InputError
-from tbsa.model.scene import EDGES, SETS, Scene, TileType, tile_count
+from tbsa.model.scene import EDGES, SETS, Scene, TileType, growth_box, growth_margin
 from tbsa.model.squares import inside, lattice
 
 __all__ = [
@@ -24,7 +22,6 @@ __all__ = [
     "attracts", "check", "ground_truth", "grow", "mirrored", "rotated", "strength", "symmetry",
 ]
 
-MOST_SITES = 10_000_000  # that a ground truth may have to grow on without a reactor
 Site = tuple[int, int]  # column, row
 Glues = tuple[int, int, int, int]
 
@@ -197,16 +194,7 @@ def ground_truth(scene: Scene) -> Growth:
     seed, width = scene.seed, scene.material.width
     if seed is None:
         return Growth({})
-    margin = ceil(sqrt(tile_count(scene)))
-    columns, rows = [c[0] for c in seed.cells], [c[1] for c in seed.cells]
-    left, right = min(columns) - margin, max(columns) + margin
-    low, high = min(rows) - margin, max(rows) + margin
-
-    if scene.reactor is None and (right - left + 1) * (high - low + 1) > MOST_SITES:
-        raise InputError(
-            f"must lie closer together, or in a [reactor]: their box has "
-            f"{(right - left + 1) * (high - low + 1):.3g} sites to grow on, more than "
-            f"{MOST_SITES:.0e}", file=scene.file or None, field="seed.cells")
+    left, right, low, high = growth_box(seed, growth_margin(scene))
 
     def allowed(site: Site) -> bool:
         if scene.reactor is None:
