@@ -504,6 +504,20 @@ def test_a_scene_gets_the_fitted_magnet_and_keeps_every_other_line(here):
     assert [old.split()[0] for old, _ in changed] == ["alpha", "beta", "inset"]
 
 
+def test_distances_of_centres_leave_the_inset_alone_unless_it_is_given(here):
+    write(here / "centre.csv", 1000 * R, LAW.force(R, ALPHA, BETA),
+          head=("centre (mm)", "force (N)"))
+    text = (ROOT / "paper_runs" / "shaking.toml").read_text()
+    given = re.sub(r"(?m)^inset = \S+", "inset = 2.25e-3", text)
+    assert given != text
+    for options, inset in (([], 2.25e-3), (["--inset", "1mm"], 1e-3)):
+        (here / "scene.toml").write_text(given)
+        assert run("centre.csv", "--scene", "scene.toml", *options) == 0
+        assert tbsa.load("scene.toml").magnet.inset == inset
+        section = (here / "fits" / "centre-law" / "magnet.toml").read_text()
+        assert ("inset" in section) == bool(options)
+
+
 @pytest.mark.parametrize("section", ["", "[magnet]\n", "[magnet]\nmismatch = 0  # nothing\n"])
 def test_a_scene_without_the_values_gets_them(here, section):
     scene = f'[tiles]\nset = "chessboard"\n{section}[seed]\nshape = "L"\narm = 2\n'

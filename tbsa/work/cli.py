@@ -194,7 +194,8 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--out", type=Path, metavar="DIR",
                      help="folder for fit.png and magnet.toml (default: fits/NAME-MODEL)")
     fit.add_argument("--scene", type=Path, metavar="TOML",
-                     help="a scene whose [magnet] gets the fitted alpha, beta and inset")
+                     help="a scene whose [magnet] gets the fitted alpha and beta, and "
+                     "the inset, if there is one")
     fit.set_defaults(command=_fit)
     bench = commands.add_parser(
         "bench", help="what accuracy costs on a scene",

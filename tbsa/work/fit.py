@@ -34,7 +34,7 @@ class Result(NamedTuple):
     measured: Measurements  # the points in range
     of: int  # points in the file
     kind: str  # "gap" | "centre"
-    inset: float  # m
+    inset: float | None  # m; None where distances are between centres and it was not given
     main: Fit
     method: str
     intervals: Mapping[str, Interval]
@@ -69,7 +69,7 @@ def fit(
         ``"gap"`` or ``"centre"``, needed where the header has just ``distance``.
     inset
         How deep the magnets' centres lie behind the surfaces that a gap is measured between,
-        e.g. ``"1.5mm"``; needed for a gap.
+        e.g. ``"1.5mm"``; needed for a gap.  Without it a scene keeps its own.
     within
         Distances to use, e.g. ``"0.5cm:2cm"``; either end may be left out.
     fixed, bounds
@@ -100,8 +100,8 @@ def fit(
         raise InputError("is missing; must be how deep the magnets' centres lie behind the "
                          "surfaces that the gap is measured between, for example 1.5mm; 0mm fits "
                          "the gap itself", field="--inset")
-    depth = Magnet.inset if inset is None else quantity(inset, "m", "--inset")
-    if not 0 <= depth <= 10:
+    depth = None if inset is None else quantity(inset, "m", "--inset")
+    if depth is not None and not 0 <= depth <= 10:
         raise InputError("must be a length from 0 to 10 m", field="--inset", value=inset)
     if absolute and (unweighted or measured.sd is None):
         raise InputError("must be left out where no uncertainties are used",
@@ -112,7 +112,7 @@ def fit(
     if within is not None:
         measured = _within(measured, within)
     nearest = math.inf if kind == "gap" else float(measured.distance.min())
-    made = fitting.models(kind, depth, nearest)
+    made = fitting.models(kind, depth or 0.0, nearest)
     known, limits = _settings(fixed, bounds, made)
 
     def one(each: Model) -> Fit:
@@ -214,7 +214,7 @@ def describe(result: Result) -> str:
     near, far = (float(end) / size for end in (measured.distance.min(), measured.distance.max()))
     count = f"{main.force.size} points" if main.force.size == result.of else (
         f"{main.force.size} of {result.of} points")
-    if result.kind == "gap":
+    if result.inset is not None and result.kind == "gap":
         where = f"r = gap + 2 x {1e3 * result.inset:g} mm between the magnets' centres"
         if main.model.name in EXACT:
             where = "faces flush with the surfaces: centre distance = gap + height"
@@ -432,14 +432,14 @@ def section(result: Result) -> str:
         Where a scene would not take the values, or the model is not the law.
     """
     text = "\n".join(["[magnet]", *_lines(result).values()]) + "\n"
-    width = max(0.03, 4 * result.inset)
+    width = max(0.03, 4 * (result.inset or 0.0))
     parse(f'[tiles]\nset = "chessboard"\n[material]\nwidth = {width!r}\nmass = {20 * width**2!r}\n'
           f'[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n{text}')
     return text
 
 
 def _lines(result: Result) -> dict[str, str]:
-    """The three lines of the section that the fit knows."""
+    """The lines of the section that the fit knows."""
     main, size = result.main, LENGTHS[result.measured.unit]
     if main.model.name != "law":
         raise InputError("must be law, the one force that a scene has", field="--model",
@@ -448,16 +448,17 @@ def _lines(result: Result) -> dict[str, str]:
     error = ["at its bound" if bound else f"+- {e:.2g}" if free else "fixed" for e, free, bound
              in zip(main.inside.errors, main.free, main.at_bound, strict=True)]
     span = f"{result.kind} {near:.4g} to {far:.4g} {result.measured.unit}"
-    numbers = [float(f"{value:.6g}") for value in (*main.values, result.inset)]
-    return {
-        "alpha": f"alpha = {numbers[0]!r}  # N m^2; {error[0]}, fitted over {span}",
-        "beta": f"beta = {numbers[1]!r}  # m; {error[1]}",
-        "inset": f"inset = {numbers[2]!r}  # m",
-    }
+    alpha, beta = (float(f"{value:.6g}") for value in main.values)
+    lines = {"alpha": f"alpha = {alpha!r}  # N m^2; {error[0]}, fitted over {span}",
+             "beta": f"beta = {beta!r}  # m; {error[1]}"}
+    if result.inset is not None:
+        lines["inset"] = f"inset = {float(f'{result.inset:.6g}')!r}  # m"
+    return lines
 
 
 def into(path: Path, result: Result) -> bytes:
-    """A scene's file with alpha, beta and inset of its ``[magnet]`` section replaced by the fit's.
+    """A scene's file with alpha and beta of its ``[magnet]`` section replaced by the fit's, and
+    inset, if the fit has one.
 
     Every other line stays as it is, to its ending; a scene without the section gets one at its
     end.
@@ -502,8 +503,8 @@ def into(path: Path, result: Result) -> bytes:
         lines[start + 1:start + 1] = ended(missing.values(), lines[start])
     made = "\n".join(lines)
     after = parse(made, str(path))
-    alpha, beta, inset = (float(line.split()[2]) for line in new.values())
-    magnet = replace(before.magnet or Magnet(), alpha=alpha, beta=beta, inset=inset)
+    values: dict[str, Any] = {name: float(line.split()[2]) for name, line in new.items()}
+    magnet = replace(before.magnet or Magnet(), **values)
     if after != replace(before, magnet=magnet):
         raise wrong
     return mark + made.encode()
