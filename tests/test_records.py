@@ -133,6 +133,17 @@ def test_how_a_run_is_cut_into_calls_does_not_matter(scene, whole, tmp_path, mon
     assert same(tmp_path / "fine", whole) == []
 
 
+def test_a_simulation_goes_forward_only_and_to_an_end(scene):
+    step = Simulation(scene)
+    for seconds in (-0.1, float("nan"), float("inf")):
+        with pytest.raises(InputError, match=r"seconds: .* must be a number from 0 s"):
+            step.run(seconds)
+    with pytest.raises(InputError, match="steps: -1 must be a whole number from 0"):
+        step.advance(-1)
+    step.advance(0)
+    assert step.steps == 0
+
+
 def test_a_record_holds_the_state_at_its_time(scene, whole):
     run, step = tbsa.read_run(whole), Simulation(scene)
     np.testing.assert_array_equal(run.time, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0])

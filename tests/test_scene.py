@@ -9,12 +9,14 @@ import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from malformed import GOOD, MALFORMED, TILE, TILES
 
 from tbsa.errors import InputError
+from tbsa.model.records import run
 from tbsa.model.scene import (
     RULES,
     SETS,
@@ -36,6 +38,7 @@ from tbsa.model.scene import (
     load,
     parse,
 )
+from tbsa.model.simulation import Simulation
 
 PAPER_RUNS = Path(__file__).parents[1] / "paper_runs"
 ENGINE = "def push(t, p, *state):\n    raise RuntimeError('never run by the check')\n"
@@ -288,6 +291,22 @@ def test_a_scene_built_in_python_is_held_to_the_same_rules():
             wrong.validate()
         assert caught.value.field == field
         assert caught.value.file is None
+
+
+def test_a_scene_changed_in_python_is_validated_before_it_is_run(tmp_path):
+    scene = parse(GOOD)
+    for change, field in (({"material": Material(mass=-0.016)}, "material.mass"),
+                          ({"drive": Drive("shakin", 0.1)}, "drive.kind"),
+                          ({"floor": Floor(linear=np.float32(0.25))}, "floor.linear"),
+                          ({"run": Run(1.0, np.int64(3))}, "run.seed"),
+                          ({"run": Run(-1.0)}, "run.duration")):
+        with pytest.raises(InputError) as caught:
+            run(replace(scene, **change), tmp_path / "run")
+        assert caught.value.field == field
+    assert not (tmp_path / "run").exists()
+    heavier = replace(scene, material=Material(mass=np.float64(0.02)))
+    heavier.validate()
+    assert Simulation(heavier).numbers.mass == 0.02
 
 
 # --- a drive of one's own ------------------------------------------------------------------------

@@ -440,7 +440,8 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     Raises
     ------
     InputError
-        Where the folder holds a run already, or a checkpoint that cannot be resumed.
+        Where the scene is not valid, or the folder holds a run already, or a checkpoint that
+        cannot be resumed.
     Busy
         Where another process is at work on the folder.
     SimulationError
@@ -448,6 +449,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     KeyboardInterrupt
         At a second Ctrl-C, or at one during compilation: the last checkpoint stands.
     """
+    scene.validate()
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
     if not resume:
         _check_new(folder, tile_count(scene))

@@ -1,7 +1,7 @@
 """A scene: everything that a run depends on, as frozen dataclasses.
 
 A scene is read from TOML (:func:`load`) or built in Python; either way
-:meth:`Scene.validate` has passed before anything else sees it.  SI units throughout.
+:meth:`Scene.validate` passes before it is run.  SI units throughout.
 Edges are in the order N, E, S, W; angles are counter-clockwise from +x; at angle 0 the
 E edge of a tile faces +x and its N edge +y.
 
@@ -20,6 +20,7 @@ import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -163,7 +164,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Scene:
-    """A validated scene.  A part that is ``None`` is not there and costs nothing."""
+    """A scene.  A part that is ``None`` is not there and costs nothing."""
 
     types: tuple[TileType, ...]
     material: Material = field(default_factory=Material)
@@ -188,6 +189,10 @@ class Scene:
         InputError
             At the first value that is not allowed; it names file, field, value and what is.
         """
+        self._valid  # noqa: B018  (looked for once, as tens of thousands of tiles take a second)
+
+    @cached_property
+    def _valid(self) -> bool:
         for name, part in _parts(self):
             _check_part(self, name, part)
         _check_names(self)
@@ -197,6 +202,7 @@ class Scene:
         _check_growth(self)
         if self.drive is not None and self.drive.kind == "user":
             _check_engine(self)
+        return True
 
 
 SETS: dict[str, tuple[TileType, ...]] = {

@@ -247,11 +247,15 @@ class Simulation:
         ------
         TypeError
             Where `steps` is not a whole number.
+        InputError
+            Where it is negative.
         SimulationError
             Where a position or velocity is no longer a finite number, a tile would go
             further than half its width in a substep, or the user's drive raises.
         """
         left = operator.index(steps)
+        if left < 0:
+            raise InputError("must be a whole number from 0", field="steps", value=steps)
         while left > 0:
             with _raised() as raised, self._helped():
                 error, done = self._advance(
@@ -287,7 +291,15 @@ class Simulation:
                 )
 
     def run(self, seconds: float) -> None:
-        """Advance by a time (s), to the nearest step."""
+        """Advance by a time (s), to the nearest step.
+
+        Raises
+        ------
+        InputError
+            Where the time is negative or not finite; and what :meth:`advance` raises.
+        """
+        if not 0.0 <= seconds < math.inf:
+            raise InputError("must be a number from 0 s", field="seconds", value=seconds)
         self.advance(round(seconds / self.h))
 
     def _grow(self, what: int) -> None:
