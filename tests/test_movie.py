@@ -232,6 +232,14 @@ def test_no_title_gets_out_of_its_place_in_the_page(tmp_path):
     assert "<title>a &lt;/script&gt;" in text
 
 
+def test_names_of_types_that_are_not_ascii_are_escaped_in_a_trajectory(tmp_path):
+    run = records()
+    named = tuple(replace(kind, name=f"{kind.name} é") for kind in run.scene.types)
+    export(replace(run, scene=replace(run.scene, types=named, seed=None)), tmp_path / "run.gsd")
+    with gsd.hoomd.open(tmp_path / "run.gsd", "r") as file:
+        assert file[0].particles.types == [rf"{kind.name} \xe9" for kind in run.scene.types]
+
+
 @pytest.mark.parametrize(("reactor", "box"), [
     (ROUND, (0.3, 0.3)),
     (Reactor("rectangle", width=0.4, height=0.5), (0.4, 0.5)),

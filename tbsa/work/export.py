@@ -24,7 +24,8 @@ def export(records: Records, path: str | Path) -> None:
     A particle is a tile: position, orientation (a quaternion about z), velocity, mass, moment of
     inertia, and its tile type with the square as its shape.  The step of a frame is that of the
     solver.  Logged a frame: ``time`` (s), ``size``, ``errors`` and ``holes`` of the assembly; a
-    tile: ``particles/spin`` (rad/s), ``particles/held``, ``particles/attached``.
+    tile: ``particles/spin`` (rad/s), ``particles/held``, ``particles/attached``.  Names of types
+    are ASCII there; other letters are escaped.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ def _frame(frame: Any, records: Records, k: int) -> Any:
     frame.configuration.box = [*_box(records), 0.0, 0.0, 0.0, 0.0]
     particles = frame.particles
     particles.N = n
-    particles.types = [kind.name for kind in scene.types]
+    particles.types = [kind.name.encode("ascii", "backslashreplace").decode()
+                       for kind in scene.types]
     particles.type_shapes = [square] * len(scene.types)
     particles.typeid = layout.type
     particles.position = np.stack([x, y, flat], axis=1)
