@@ -305,6 +305,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "25.0 must be a whole multiple of record.interval = 10.0 s"),
     ("no duration", GOOD + "[run]\nduration = 0\n", "run.duration",
      "0.0 must be a number above 0 to 1e+09 s"),
+    ("a duration of less than a step", GOOD + "[run]\nduration = 1e-3\n", "run.duration",
+     "0.001 must be more than half of solver.step = 0.0020833333333333333 s"),
     ("a duration that is a time of day", GOOD + "[run]\nduration = 01:00:00\n", "run.duration",
      "datetime.time(1, 0) must be a number above 0"),
     ("an infinite duration", GOOD + "[run]\nduration = inf\n", "run.duration",

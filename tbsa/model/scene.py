@@ -562,6 +562,9 @@ def _check_times(scene: Scene) -> None:
     if step < SHORTEST:
         _fail(scene, "solver.step", step, f"must be at least {SHORTEST:g} s: shorter steps would "
               "be lost in the rounding of the time")
+    if round(scene.run.duration / step) < 1:
+        _fail(scene, "run.duration", scene.run.duration,
+              f"must be more than half of solver.step = {step!r} s: a run lasts whole steps")
     for name, value, unit, part in (
             ("record.interval", scene.record.interval, "solver.step", scene.solver.step),
             ("record.checkpoint", scene.record.checkpoint, "record.interval",
