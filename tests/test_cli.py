@@ -613,7 +613,43 @@ def test_a_full_disk_ends_in_one_line(here, capsys, monkeypatch):
     assert main(["run", "scene.toml", "--out", "run", "--quiet"]) == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1
-    assert "No space left on device" in err
+    assert "No space left on device: 'run/layout.npz'\n" in err
+
+
+def test_a_disk_that_fills_up_later_names_the_file_and_how_to_go_on(here, capsys, monkeypatch):
+    write = records.write_atomically
+
+    def full(path, data):
+        if path.name == "checkpoint.npz" and path.exists():
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        write(path, data)
+
+    monkeypatch.setattr(records, "write_atomically", full)
+    assert main(["run", "scene.toml", "--out", "run", "--quiet"]) == 1
+    first, second = capsys.readouterr().err.splitlines()
+    assert "No space left on device: 'run/checkpoint.npz'; go on from the last chec" in first
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    assert main([*second.split()[1:], "--quiet"]) == 0
+    assert tbsa.read_run("run").time[-1] == 2.0
+
+
+@pytest.mark.parametrize("command", ["draw", "movie", "view", "export"])
+def test_what_may_not_be_written_is_not_drawn(run, here, capsys, monkeypatch, command):
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "run")
+    assert "must be in a folder that may be written" in refused(capsys, here, command, "run")
+
+
+def test_a_table_that_cannot_be_written_is_named(run, capsys, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    for command, name in (("metrics", "metrics.csv"), ("draw", "t2.png"), ("view", "view.html")):
+        assert main([command, "run"]) == 1
+        err = capsys.readouterr().err
+        assert f"No space left on device: 'run/{name}'" in err
+        assert err.count("\n") == 1
 
 
 # ---------------------------------------------------------------------------------------------

@@ -91,17 +91,27 @@ class Records:
         return range(first, last + 1, every)
 
 
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Have an error of the system name this file: that of a full disk names none."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
 def write_atomically(path: Path, data: bytes) -> None:
     """Replace a file by `data` or leave it as it was."""
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with open(scratch, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+    with naming(path):
+        try:
+            with open(scratch, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(scratch, path)
+        finally:
+            scratch.unlink(missing_ok=True)
 
 
 def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
@@ -134,7 +144,7 @@ class _Writer:
     """Appends entries to records.npy; the header is rewritten in place after each."""
 
     def __init__(self, path: Path, n: int, keep: int) -> None:
-        self.dtype, self.count = _frame(n), keep
+        self.path, self.dtype, self.count = path, _frame(n), keep
         self.file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115
         self._header()
         self.begin = self.file.tell()
@@ -152,16 +162,18 @@ class _Writer:
         entry["time"] = simulation.time
         for name in FIELDS:
             entry[name][0] = getattr(simulation, name)
-        self.file.seek(self.begin + self.count * self.dtype.itemsize)
-        self.file.write(entry.tobytes())
-        self.file.flush()
-        self.count += 1
-        self._header()
-        self.file.flush()
+        with naming(self.path):
+            self.file.seek(self.begin + self.count * self.dtype.itemsize)
+            self.file.write(entry.tobytes())
+            self.file.flush()
+            self.count += 1
+            self._header()
+            self.file.flush()
 
     def sync(self) -> None:
-        self.file.flush()
-        os.fsync(self.file.fileno())
+        with naming(self.path):
+            self.file.flush()
+            os.fsync(self.file.fileno())
 
     def close(self) -> None:
         self.file.close()
@@ -560,7 +572,8 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
                 stop.asked = True
         save()
     finally:
-        records.close()
+        with naming(path):
+            records.close()
     return Outcome(simulation.steps >= end, simulation, time.perf_counter() - begin)
 
 

@@ -241,6 +241,11 @@ def _run(arguments: argparse.Namespace) -> int:
         if (folder / "run.json").exists():
             print(f"broken off; go on from the last checkpoint with\n  {again}", file=sys.stderr)
         return 130
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) or not (folder / "run.json").exists():
+            raise
+        print(f"tbsa: {error}; go on from the last checkpoint with\n  {again}", file=sys.stderr)
+        return 1
     simulation = outcome.simulation
     if not outcome.finished:
         print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  {again}",

@@ -7,6 +7,7 @@ no display and leaves no state behind.  A file appears under its name only when 
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -506,6 +507,8 @@ def target(path: str | Path, formats: tuple[str, ...] = FORMATS) -> Path:
         raise InputError("must be in a folder that exists", field="path", value=str(path))
     if path.is_dir():
         raise InputError("must be a file, and is a folder", field="path", value=str(path))
+    if not os.access(path.parent, os.W_OK):
+        raise InputError("must be in a folder that may be written", field="path", value=str(path))
     return path
 
 

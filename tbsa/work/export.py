@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tbsa.errors import InputError
-from tbsa.model.records import Records
+from tbsa.model.records import Records, naming
 from tbsa.work.draw import target
 from tbsa.work.metrics import assembly
 
@@ -47,10 +47,11 @@ def export(records: Records, path: str | Path) -> None:
                          value=str(path)) from None
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with hoomd.open(str(scratch), "w") as file:
-            for k in range(records.time.size):
-                file.append(_frame(hoomd.Frame(), records, k))
-        os.replace(scratch, path)
+        with naming(path):
+            with hoomd.open(str(scratch), "w") as file:
+                for k in range(records.time.size):
+                    file.append(_frame(hoomd.Frame(), records, k))
+            os.replace(scratch, path)
     finally:
         scratch.unlink(missing_ok=True)
 
