@@ -14,11 +14,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from malformed import MALFORMED
 
 import tbsa
-from tbsa.model import records
+from tbsa.model import records, simulation
+from tbsa.work import campaign as campaigns
 from tbsa.work import cli
 from tbsa.work.cli import main
 from tbsa.work.plan import changed
@@ -160,6 +162,21 @@ def test_ctrl_c_saves_and_says_how_to_go_on(here, finished, capsys, monkeypatch)
                  "--quiet"]) == 0
     for name in ("records.npy", "checkpoint.npz", "scene.toml"):
         assert (here / "a run" / name).read_bytes() == (here / "b" / name).read_bytes()
+
+
+def test_how_to_go_on_repeats_the_options_of_the_work(here, capsys, monkeypatch):
+    monkeypatch.setattr(simulation, "cores", lambda: 2)
+    monkeypatch.setattr(cli.Bar, "show", lambda *_: True)
+    assert main(["run", "scene.toml", "--out", "a", "--threads", "2", "--quiet"]) == 130
+    assert capsys.readouterr().err.endswith(
+        "  tbsa run a/scene.toml --out a --threads 2 --resume\n")
+    left = campaigns.Result(pd.DataFrame({"status": [], "run": [], "message": []}), 0, 0, 3)
+    monkeypatch.setattr(campaigns, "campaign", lambda *_, **__: left)
+    monkeypatch.setattr(cli, "_cluster", lambda _: contextlib.nullcontext())
+    for options in ("--jobs 3", "--scheduler tcp://host:8786 --part 2/3"):
+        assert main(["campaign", "c.toml", "--out", "b", *options.split()]) == 130
+        assert capsys.readouterr().err.endswith(
+            f"  tbsa campaign c.toml --out b {options} --resume\n")
 
 
 def test_ctrl_c_before_the_run_begins_ends_without_a_word(here, capsys, monkeypatch):

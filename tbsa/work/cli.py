@@ -232,7 +232,7 @@ def _run(arguments: argparse.Namespace) -> int:
         scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
     again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
-                        "--resume"])
+                        *_given("--threads", arguments.threads, 1), "--resume"])
     try:
         with Bar(scene, arguments.quiet) as bar:
             outcome = run(scene, folder, resume=arguments.resume, threads=arguments.threads,
@@ -283,8 +283,10 @@ def _campaign(arguments: argparse.Namespace) -> int:
         print(f"tbsa: {name} failed: {message}", file=sys.stderr)
     if result.left:
         again = ["tbsa", "campaign", str(arguments.config), "--out", str(arguments.out),
-                 *(("--part", arguments.part) if arguments.part != "1/1" else ()),
-                 *(("--except", str(arguments.without)) if arguments.without else ()), "--resume"]
+                 *_given("--jobs", arguments.jobs),
+                 *_given("--scheduler", arguments.scheduler),
+                 *_given("--part", arguments.part, "1/1"),
+                 *_given("--except", arguments.without), "--resume"]
         print(f"stopped and saved, {result.left} runs to go; go on with\n  {shlex.join(again)}",
               file=sys.stderr)
         return 130
@@ -293,6 +295,11 @@ def _campaign(arguments: argparse.Namespace) -> int:
           f"{f', {others} done elsewhere' if others else ''}; table in "
           f"{arguments.out / 'table.csv'}")
     return 1 if result.failed else 0
+
+
+def _given(option: str, value: Any, default: Any = None) -> tuple[str, ...]:
+    """An option as it was given, to be given again; nothing if it has its default."""
+    return () if value == default else (option, str(value))
 
 
 @contextlib.contextmanager
