@@ -405,6 +405,8 @@ CAMPAIGNS: list[tuple[str, str, str, str]] = [
      AT + "group[0].set.drive..force", "must be under the dotted name of a field"),
     ("a field with an index that is no number", ONE + 'set = {"tiles.type[x].family" = 1}\n',
      AT + "group[0].set.tiles.type[x].family", "must be under the dotted name of a field"),
+    ("an index of thousands of digits", ONE + f'set = {{"tiles.type[{5000 * "1"}].family" = 1}}\n',
+     AT + f"group[0].set.tiles.type[{5000 * '1'}].family", "must be under the dotted name of a field"),
     ("a tile type that is not there", ONE + 'set = {"tiles.type[2].family" = 1}\n',
      AT + "group[0].set.tiles.type[2].family", "cannot be set: scene.toml has no place for it"),
     ("a field within a number", ONE + 'set = {"drive.force.x" = 1}\n',

@@ -796,6 +796,7 @@ def test_fields_are_set_in_whatever_order_they_are_named(order, here):
     ("drive.forc=1", 'did you mean "force"?'),
     ("tiles.type[7].family=1", "--set tiles.type[7].family: 1 cannot be set"),
     ("solver.step=nan", "solver.step: nan must be a number above 0"),
+    (f"tiles.type[{5000 * '1'}].family=1", "must be NAME=VALUE"),
     ("drive.force.x.y=1", "--set drive.force.x.y: 1 cannot be set"),
     ("tiles.set.x.y=1", "--set tiles.set.x.y: 1 cannot be set"),
     ("drive.force=" + 5000 * "1", "drive.force: '1111"),

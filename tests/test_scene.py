@@ -340,6 +340,7 @@ def test_the_module_of_a_drive_is_found_beside_the_scene_and_not_run(tmp_path, m
     ("push = 3\n", "push", "it has none"),
     ("def push(:\n", "push", "'engine.py' must be a Python file"),
     ("\0", "push", "'engine.py' must be a Python file"),
+    (ENGINE + "a = " + 20_000 * "-" + "1\n", "push", "must be a Python file: it is nested too"),
 ])
 def test_a_drive_that_cannot_be_found_is_refused(tmp_path, source, function, fragment):
     assert fragment in refused(user(tmp_path, source, function))

@@ -674,6 +674,8 @@ def _check_engine(scene: Scene) -> None:
     except SyntaxError as error:
         _fail(scene, "drive.module", module,
               f"must be a Python file: {error.msg} (line {error.lineno})")
+    except (MemoryError, RecursionError):  # of the parser's own stack
+        _fail(scene, "drive.module", module, "must be a Python file: it is nested too deeply")
     defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
     if not function.isidentifier() or function not in defined:
         _fail(scene, "drive.function", function, "must be a function defined in drive.module: "

@@ -50,7 +50,7 @@ LARGEST = 100_000  # runs of a campaign
 SHARED = ("scene", "seeds", "set")
 GROUP = ("name", *SHARED, "grid", "list")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-FIELD = re.compile(r"([^.\[\]]+)((?:\[\d+\])*)")
+FIELD = re.compile(r"([^.\[\]]+)((?:\[\d{1,9}\])*)")
 PARTS = {"Reactor": "reactor", "Drive": "drive", "Floor": "floor"}
 # Fields that stand for one another: setting one drops the others from the base scene.
 INSTEAD = {"tiles.set": ("type",), "tiles.type": ("set",), "free.number": ("counts",),
