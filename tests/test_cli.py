@@ -111,12 +111,15 @@ def test_version_and_help(capsys):
         assert shown in capsys.readouterr().out
 
 
-def test_a_command_is_needed(capsys):
-    for arguments in ([], ["simulate"], ["run"]):
+def test_a_command_is_needed_and_its_options_are_of_their_kind(capsys):
+    for arguments in ([], ["simulate"], ["run"], ["run", "a.toml", "--seed", "1.5"],
+                      ["fit", "a.csv", "--inset", "-1mm"]):
         with pytest.raises(SystemExit) as end:
             main(arguments)
         assert end.value.code == 2
-        assert "error: " in capsys.readouterr().err
+        err = capsys.readouterr().err
+        assert "error: " in err
+        assert err.count("\n") == 1
 
 
 def test_the_installed_command_is_this_one():
@@ -589,6 +592,11 @@ def test_a_scene_edited_in_the_runs_folder_is_refused(run, here, capsys):
     (["draw", "run", "--out", "now.gif"], "must end in .png, .svg, .pdf"),
     (["draw", "run", "--out", "now"], "must end in .png, .svg, .pdf"),
     (["draw", "run", "--out", "no/where.png"], "must be in a folder that exists"),
+    (["draw", "run", "--time", "3"], "tbsa: --time: 3.0 is not recorded"),
+    (["draw", "run", "--out", "now.gif"], "tbsa: --out: 'now.gif' must end in"),
+    (["movie", "run", "--rate", "0"], "tbsa: --rate: 0.0 must be from 0.1 to 50"),
+    (["movie", "run", "--from", "2", "--to", "1"], "tbsa: --to: 1.0 must not be before"),
+    (["view", "run", "--every", "0"], "tbsa: --every: 0 must be at least 1"),
     (["metrics", "run", "--out", "no/where.csv"], "no: is not a folder"),
     (["metrics", "run", "--out", "."], "--out: '.' must be a file, and is a folder"),
     (["metrics", "run", "--out", "/"], "--out: '/' must be a file, and is a folder"),
@@ -782,6 +790,11 @@ def test_a_scene_that_is_none_cannot_be_set(text, words, here, capsys):
     assert words in refused(capsys, here, "run", "scene.toml", "--set", "tiles.type[0].family=0")
 
 
+def test_a_field_is_set_once(here, capsys):
+    assert "--set drive.force: '0.2' must be set once" in refused(
+        capsys, here, "run", "scene.toml", "--set", "drive.force=0.1", "--set", "drive.force=0.2")
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_fields_are_set_in_whatever_order_they_are_named(order, here):
     settings = ["tiles.type[0].family=0", "tiles.set=chessboard-oriented"][::order]
@@ -792,6 +805,7 @@ def test_fields_are_set_in_whatever_order_they_are_named(order, here):
 @pytest.mark.parametrize(("setting", "words"), [
     ("drive.force", "--set: 'drive.force' must be NAME=VALUE"),
     ("=1", "--set: '=1' must be NAME=VALUE"),
+    ("drive.force=0.06\ndrive.frequency=0.1", "--set drive.force: '0.06"),
     ("drive.force=much", "drive.force: 'much' must be a number from 0"),
     ("drive.forc=1", 'did you mean "force"?'),
     ("tiles.type[7].family=1", "--set tiles.type[7].family: 1 cannot be set"),

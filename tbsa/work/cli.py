@@ -20,7 +20,7 @@ import time
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from tbsa import __version__
 from tbsa.errors import InputError
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = arguments.command(arguments)
         return code
     except InputError as error:
-        print(f"tbsa: {error}", file=sys.stderr)
+        print(f"tbsa: {_of_option(error, arguments)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
@@ -51,6 +51,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (OSError, RuntimeError) as error:
         print(f"tbsa: {error}", file=sys.stderr)
         return 1
+
+
+def _of_option(error: InputError, arguments: argparse.Namespace) -> str:
+    """What is wrong, with the option's name in place of that of the argument in Python."""
+    name = {"path": "out"}.get(error.field or "", error.field or "")
+    if error.file or not hasattr(arguments, name):
+        return str(error)
+    option = {"begin": "from", "end": "to"}.get(name, name)
+    return f"--{option}{str(error).removeprefix(error.field or '')}"
+
+
+class _OneLine(argparse.ArgumentParser):
+    """Says what is wrong in one line, as everything else does; how it is used is in --help."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
 
 def _check_out(arguments: argparse.Namespace) -> None:
@@ -67,7 +83,7 @@ def _check_out(arguments: argparse.Namespace) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _OneLine(
         prog="tbsa", description="Magnetically bonded, passive tile self-assembly.")
     parser.add_argument("--version", action="version", version=f"tbsa {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -187,6 +187,8 @@ def _settings(
                                  field=option, value=text)
             numbers = [quantity(part, parameter.unit, f"{option} {name}") if part.strip()
                        or option == "--fix" else None for part in parts]
+            if numbers == [0.0] and name in {model.names[0] for model in made.values()}:
+                raise InputError("must be above 0, or there is no force", field=option, value=text)
             for number in numbers:
                 if number is not None and not parameter.low <= number <= parameter.high:
                     raise InputError(f"must be from {parameter.low:g} to {parameter.high:g} "
@@ -403,7 +405,7 @@ def picture(result: Result) -> bytes:
                 alone = name == main.model.name
                 top.plot(d / size, each.predict(d), DASHES[name], color=COLOURS[name], label=name,
                          lw=1.6 if alone else 0.9, zorder=2 if alone else 1)
-        top.set(ylabel="force (N)", ylim=(0, None))
+        top.set(ylabel="force (N)", ylim=(0 if measured.force.min() >= 0 else None, None))
         top.legend()
         residuals = main.residuals * main.weight
         bars = None if main.sd is None else np.ones_like(residuals)

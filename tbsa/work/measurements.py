@@ -74,7 +74,8 @@ def read(path: str | Path) -> Measurements:
     for number, row in rows[1:]:
         line = f"line {number}"
         if len(row) != len(columns):
-            hint = "; use a decimal point and commas" if any(";" in cell for cell in row) else ""
+            many = len(row) > len(columns) or any(";" in cell for cell in row)
+            hint = "; use a decimal point and commas" if many else ""
             raise InputError(f"must have {len(columns)} values, as the header has columns; it has "
                              f"{len(row)}{hint}", file=file, field=line)
         for (name, _, scale), cell in zip(columns, row, strict=True):

@@ -162,10 +162,15 @@ def changed(path: str | Path, settings: Sequence[str]) -> Scene:
         if not sign or not all(FIELD.fullmatch(part) for part in name.split(".")):
             raise InputError("must be NAME=VALUE with the dotted name of a field of the scene, "
                              "such as drive.force=0.06", field="--set", value=text)
+        if name in fields:
+            raise InputError("must be set once", field=f"--set {name}", value=value)
         try:
-            fields[name] = tomllib.loads(f"value = {value}")["value"]
+            found = tomllib.loads(f"value = {value}")
         except (ValueError, RecursionError):
-            fields[name] = value
+            found = {"value": value}
+        if len(found) > 1:
+            raise InputError("must be one value", field=f"--set {name}", value=value)
+        fields[name] = found["value"]
 
     def fail(name: str) -> NoReturn:
         raise InputError(f"cannot be set: {path} has no place for it", field=f"--set {name}",
