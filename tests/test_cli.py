@@ -327,11 +327,13 @@ def test_check_names_the_site_where_a_set_is_not_directed(here, capsys):
     types = "".join(f'[[tiles.type]]\nname = "{name}"\nglues = {glues}\ncolour = "{name}"\n'
                     for name, glues in (("grey", [1, 1, 0, 0]), ("red", [0, 0, -1, -1]),
                                         ("blue", [0, 0, -1, -1])))
-    out = checked(capsys, types + "[seed]\nshape = \"cells\"\n"
-                  'cells = [[1, 0, "grey"], [0, 1, "grey"]]\n')
+    seed = '[seed]\nshape = "cells"\ncells = [[1, 0, "grey"], [0, 1, "grey"]]\n'
+    out = checked(capsys, types + seed)
+    assert "no magnets, so nothing grows" in out
+    assert "directed" not in out
+    out = checked(capsys, types + seed + "[magnet]\n")
     assert "not directed at temperature 2: site (column 1, row 1) can take red or blue" in out
     assert "no friction" in out
-    assert "none: tiles do not bond" in out
 
 
 def test_check_of_a_scene_without_a_seed(here, capsys):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 from scipy.optimize import curve_fit
 
@@ -475,6 +476,17 @@ def test_the_command_prints_the_fit_and_writes_section_and_picture(here, capsys)
         "fit.png", "magnet.toml"]
     assert imread(here / "fits" / "good-law" / "fit.png").shape[:2] == (1000, 1100)
     assert max(map(len, out.splitlines())) < 120
+
+
+def test_the_picture_shows_negative_forces(here, monkeypatch):
+    figures = []
+    monkeypatch.setattr(work, "Figure", lambda **how: figures.append(Figure(**how)) or figures[-1])
+    force = LAW.force(R, ALPHA, BETA)
+    for lowest in (force[-1], -0.1 * force[0]):
+        write(here / "some.csv", 1000 * R - 3, [*force[:-1], lowest])
+        work.picture(work.fit(read("some.csv"), inset="1.5mm"))
+    assert figures[0].axes[0].get_ylim()[0] == 0.0
+    assert figures[1].axes[0].get_ylim()[0] < -0.1 * force[0]
 
 
 def test_the_written_section_is_one_that_a_scene_reads(here):

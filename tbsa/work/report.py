@@ -252,6 +252,8 @@ def _run(scene: Scene) -> list[str]:
 def _pattern(scene: Scene) -> list[str]:
     if scene.seed is None:
         return ["no seed, so nothing to grow from"]
+    if scene.magnet is None:
+        return ["no magnets, so nothing grows"]
     types = scene.types
     growth = ground_truth(scene)
     sites = len(growth.types) - len(growth.seed)
