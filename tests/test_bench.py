@@ -112,7 +112,7 @@ def test_bad_options_are_refused(tmp_path, capsys, option, value, field):
     config.write_text(dumps(driven()))
     assert main(["bench", str(config), option, value]) == 2
     error = capsys.readouterr().err
-    assert error.startswith(f"tbsa: {field}: ")
+    assert error.startswith(f"tbsa: {option}: ")
     assert error.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 

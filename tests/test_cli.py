@@ -493,12 +493,11 @@ def test_a_run_of_another_scene_or_seed_cannot_be_resumed(run, here, capsys, arg
 
 def test_a_run_of_another_version_is_shown_but_not_gone_on_with(run, here, capsys):
     info = json.loads((run / "run.json").read_text())
-    for version in ("0.1.2", None):
-        (run / "run.json").write_text(json.dumps(info | {"version": version}))
-        line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume",
-                       "--duration", "3")
-        assert f"run/run.json: version: {version!r} must be {tbsa.__version__}, this " in line
-        assert "begin anew in another folder (--out)" in line
+    (run / "run.json").write_text(json.dumps(info | {"version": "0.1.2"}))
+    line = refused(capsys, here, "run", "scene.toml", "--out", "run", "--resume",
+                   "--duration", "3")
+    assert f"run/run.json: version: '0.1.2' must be {tbsa.__version__}, this version" in line
+    assert "begin anew in another folder (--out)" in line
     for command in ("metrics", "draw", "view"):
         assert main([command, "run"]) == 0
 

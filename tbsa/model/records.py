@@ -479,11 +479,11 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
                     f"was written for another scene or seed: this one has {mark[:12]}",
                     file=str(folder / "run.json"), field="fingerprint",
                     value=info["fingerprint"][:12])
-            if info.get("version") != _version():
+            if isinstance(info.get("version"), str) and info["version"] != _version():
                 raise InputError(
                     f"must be {_version()}, this version: another one gives other bits; go on with "
                     "that version, or begin anew in another folder (--out)",
-                    file=str(folder / "run.json"), field="version", value=info.get("version"))
+                    file=str(folder / "run.json"), field="version", value=info["version"])
             simulation = Simulation(scene, _read_layout(folder, scene), threads=threads)
             load_checkpoint(folder / "checkpoint.npz", simulation, mark)
             earlier = info["wall"]
