@@ -705,10 +705,10 @@ import json
 from tbsa.model.scene import *
 from tbsa.model.simulation import Simulation
 tiles = (PlacedTile("black", (0.001, 0.002), 0.1, (0.1, -0.05), 2.0),
-         PlacedTile("white", (0.033, 0.0), -0.05, (-0.3, 0.1), 1.0),
+         PlacedTile("white", (0.0331, 0.0), -0.05, (-0.3, 0.1), 1.0),
          PlacedTile("black", (0.034, 0.034), 0.0, held=True))
 s = Simulation(Scene(types=SETS["chessboard"], free=Free((), tiles), magnet=Magnet(),
-                     floor=Floor(LAW), reactor=Reactor("circle", 0.062),
+                     floor=Floor(LAW), reactor=Reactor("circle", 0.07),
                      drive=Drive("shaking", 0.3, 0.0, 3.0)))
 s.advance(20)
 values = [list(map(float, part)) for part in (s.x, s.y, s.angle, s.vx, s.vy, s.omega)]

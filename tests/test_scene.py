@@ -300,12 +300,12 @@ def test_a_scene_changed_in_python_is_validated_before_it_is_run(tmp_path):
                           ({"floor": Floor(linear=np.float32(0.25))}, "floor.linear"),
                           ({"run": Run(1.0, np.int64(3))}, "run.seed"),
                           ({"run": Run(-1.0)}, "run.duration")):
-        with pytest.raises(InputError) as caught:
-            run(replace(scene, **change), tmp_path / "run")
-        assert caught.value.field == field
+        for start in (Simulation, lambda wrong: run(wrong, tmp_path / "run")):
+            with pytest.raises(InputError) as caught:
+                start(replace(scene, **change))
+            assert caught.value.field == field
     assert not (tmp_path / "run").exists()
     heavier = replace(scene, material=Material(mass=np.float64(0.02)))
-    heavier.validate()
     assert Simulation(heavier).numbers.mass == 0.02
 
 

@@ -74,7 +74,7 @@ class Simulation:
     Parameters
     ----------
     scene
-        A validated scene.
+        The scene; it is validated where it says how the tiles start.
     layout
         Where the tiles start; by default that of the scene and its seed of random numbers.
     threads
