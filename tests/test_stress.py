@@ -39,7 +39,7 @@ def test_at_most_a_tenth_of_the_rows_are_marked_as_not_representable():
 def test_the_watch_sees_overlap_wall_and_energy():
     """Two tiles 0.9 w apart, one of them 0.2 w beyond the wall; then speed from nowhere."""
     w = stress.W
-    scene = stress.bare([stress.tile(0, 0), stress.tile(1, 0)],
+    scene = stress.bare([stress.tile(-0.5 * w, 0), stress.tile(0.5 * w, 0)],
                         reactor=stress.Reactor("rectangle", width=2 * w, height=2 * w))
     layout = stress.overlapping(0.1, 0.0)
     layout.x[:] += 0.3 * w

@@ -55,16 +55,14 @@ def initial_layout(scene: Scene) -> Layout:
     Parameters
     ----------
     scene
-        The scene, which is validated; the random numbers are the stream "layout" of
-        ``scene.run.seed``.
+        A validated scene; the random numbers are the stream "layout" of ``scene.run.seed``.
 
     Raises
     ------
     InputError
-        When the scene is not valid, or the random tiles do not fit: at once if their area
-        exceeds the free area, else after `TRIALS` random positions.
+        When the random tiles do not fit: at once if their area exceeds the free area, else
+        after `TRIALS` random positions.
     """
-    scene.validate()  # it may have been changed since it was read
     index = {tile_type.name: i for i, tile_type in enumerate(scene.types)}
     cells = scene.seed.cells if scene.seed else ()
     tiles = scene.free.tiles

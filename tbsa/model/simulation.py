@@ -74,7 +74,7 @@ class Simulation:
     Parameters
     ----------
     scene
-        The scene; it is validated where it says how the tiles start.
+        The scene, which is validated: it may have been changed since it was read.
     layout
         Where the tiles start; by default that of the scene and its seed of random numbers.
     threads
@@ -104,6 +104,7 @@ class Simulation:
     def __init__(self, scene: Scene, layout: Layout | None = None, *, threads: int = 1) -> None:
         if threads < 1:
             raise InputError("must be at least 1", field="threads", value=threads)
+        scene.validate()
         self._threads = 1 if config.DISABLE_JIT else threads  # interpreted ones go by turns
         self.scene = scene
         self.layout = layout = initial_layout(scene) if layout is None else layout
