@@ -365,7 +365,7 @@ def test_a_gas_of_smooth_elastic_tiles_keeps_its_energy(solver, speed):
 def test_no_bounce_is_lost_under_a_load(solver, held):
     """A tile that falls flat comes back with e times its speed, wherever in a substep it lands:
     also if it is only the load that closes the gap at its end."""
-    load, e, speed = 0.16, 0.6, 0.2  # N, , m/s
+    load, e, speed = 0.16, 0.6, 0.2  # N, none, m/s
     for drop in 0.01 + 4.13e-5 * np.arange(400):
         tiles = [tile(0, 0.5 * WIDTH + drop, vy=-speed)]
         if held:

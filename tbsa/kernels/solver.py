@@ -117,7 +117,8 @@ PLAIN, LAST_PLAIN = 4, 4
 FROM0, FROM1, FROMT = WARM0, WARM1, WARMT
 PAST0, PAST1, PASTT = VN0, VN1, HIT
 SOLVED = 2  # on the list of this pass, in ``queued``; 1: of the next; 3: of both
-FLYING = 2.0  # tolerances
+# Tolerances beyond the threshold of restitution at which a pressed point still is on its way.
+FLYING = 2.0
 PROJECTIONS = 2  # passes of what takes it back, in a substep
 
 
