@@ -316,6 +316,21 @@ def test_collisions_keep_momentum_and_never_raise_the_kinetic_energy():
     assert not wrong, f"{len(wrong)} of {len(CLOUDS)} (n, mu, e, seed, ...): {wrong}"
 
 
+@pytest.mark.parametrize("load", [0.0, 0.075])
+def test_what_overlaps_is_moved_apart_within_some_substeps(load):
+    """Twelve tiles in a row against a held one, each 1 % of its width inside the next, pressed or
+    not: all are below 0.5 % within 15 substeps, though only the last can give way."""
+    s = simulate([tile(held=True), *(tile(0.99 * WIDTH * (i + 1)) for i in range(12))],
+                 drive=Drive("constant", (-load, 0.0)), step=1 / 1440, tolerance=2e-2, passes=40,
+                 checked=False)
+    deepest = []
+    for _ in range(120):
+        s.advance(1)
+        deepest.append(1.0 - np.diff(s.x).min() / WIDTH)
+    assert max(deepest) < 0.02
+    assert max(deepest[15:]) < 0.005
+
+
 TUMBLERS = (TileType("a", (1, 1, 2, 2), "black"), TileType("b", (-1, -1, -2, -2), "white"))
 FAR = {"cutoff": 0.09, "switch": 0.3}
 

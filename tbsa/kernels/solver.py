@@ -119,7 +119,10 @@ PAST0, PAST1, PASTT = VN0, VN1, HIT
 SOLVED = 2  # on the list of this pass, in ``queued``; 1: of the next; 3: of both
 # Tolerances beyond the threshold of restitution at which a pressed point still is on its way.
 FLYING = 2.0
-PROJECTIONS = 2  # passes of what takes it back, in a substep
+# Passes of what takes it back, in a substep; and as many more over what is deeper, in slops, while
+# that is few rows, or no more than there are blocks.  Two passes alone left jammed tiles 1 % of the
+# width in each other for up to half a second.
+PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
 
 
 class Numbers(NamedTuple):
@@ -964,15 +967,15 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, im: float, ii: float, c:
 
 @inline
 def part_row(rows: Rows, q: int, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
-             x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> bool:
-    """Move the bodies of row q apart, if a point of it will overlap by more than the slop.
+             x: np.ndarray, y: np.ndarray, angle: np.ndarray, left: float) -> bool:
+    """Move the bodies of row q apart, if a point of it will overlap by more than `left` (m).
 
-    It goes three fifths of the way back to four fifths of the slop, so that a point at rest is not
+    It goes three fifths of the way back to four fifths of that, so that a point at rest is not
     at it again in each substep, and never further than 2 % of the width; the other point may close
     its gap.  Returns whether there was something to do.
     """
-    slop, most = 0.8 * SLOP * k.width, 0.02 * k.width
-    spare = slop - SLOP * k.width
+    slop, most = 0.8 * left, 0.02 * k.width
+    spare = slop - left
     r, body, sx, sy, sw = rows.field, rows.body, shift.vx, shift.vy, shift.w
     vx, vy, w = v.vx, v.vy, v.w
     i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
@@ -1084,20 +1087,21 @@ def project(rows: Rows, k: Numbers, per_mass: float, v: Bodies, shift: Bodies,
     set_all(shift.vx, 0.0)
     set_all(shift.vy, 0.0)
     set_all(shift.w, 0.0)
-    some = 0
-    for _ in range(PROJECTIONS):
+    some, left = 0, SLOP * k.width
+    for p in range(PROJECTIONS + FURTHER):
         m = ZERO
+        left = left if p < PROJECTIONS else DEEPER * SLOP * k.width
         for j in range(size):
             q = now[j]
             queued[q] = 0
-            if part_row(rows, q, k, per_mass, v, shift, x, y, angle):
+            if part_row(rows, q, k, per_mass, v, shift, x, y, angle, left):
                 t = U(q // 8) * BODIES + U(q % 8)
                 m = queue(rows, v, body[t], m)
                 m = queue(rows, v, body[t + LANES], m)
         some += m
         copy(rows.then, now, m)
         size = m
-        if m == 0:
+        if m == 0 or (p + 1 >= PROJECTIONS and m > max(FEW_ROWS, first[COLOURS])):
             break
     for j in range(size):
         queued[now[j]] = 0
