@@ -49,7 +49,7 @@ from tbsa.kernels.contacts import (
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.model.layout import Layout
-from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
+from tbsa.model.scene import Drive, Floor, Free, Magnet, Material, Reactor, Seed, TileType
 from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.model.tiles import mirrored
 from theory import magnets
@@ -483,6 +483,25 @@ def test_shorter_substeps_do_not_depend_on_how_a_run_is_cut():
     assert whole.counts.substeps[0] > 1.2 * 400
     assert (state(whole) == state(cut)).all()
     assert whole.counts.substeps[0] == cut.counts.substeps[0]
+
+
+@pytest.mark.parametrize("substeps", [3, 5, 6, 8, 10, 12])
+def test_joined_substeps_do_not_depend_on_how_a_run_is_cut(substeps):
+    """Nor where a step, or half of it, is not a power of two times a substep: impulses are scaled
+    by 6 and back then, which is not exact."""
+    cells = tuple((i, j, ("black", "white")[(i + j) % 2]) for i, j in
+                  [(0, 0), (1, 0), (2, 0), (-1, 0), (-2, 0), (0, 1), (0, 2), (0, -1), (0, -2)])
+    calm = replace(
+        scene([tile(0.1, 0.1, kind="black")], types=CHESSBOARD, magnet=Magnet(), floor=Floor(),
+              reactor=Reactor("circle", 0.2), drive=Drive("unicycle", 0.07, 1.65e-3, 0.33),
+              body=Material(), step=1 / 120, substeps=substeps, tolerance=2e-2, passes=40),
+        seed=Seed(cells), free=Free((("black", 20), ("white", 20))))  # placed at random
+    whole, cut = Simulation(calm), Simulation(calm)
+    whole.advance(1200)
+    for _ in range(120):
+        cut.advance(10)
+    assert whole.counts.joined[0] > 100
+    assert (state(whole) == state(cut)).all()
 
 
 @settings(deadline=None, max_examples=200)

@@ -214,6 +214,17 @@ def test_the_body_of_a_margin_is_the_largest_group():
     assert found.net == pytest.approx(3 * FORCE)
 
 
+def test_the_body_of_a_margin_does_not_need_the_other_groups_to_rest():
+    """A lone tile that its neighbour repels, five sites away, has no state of rest itself."""
+    tiles = chessboard([(0, 0), (0, 1), (0, 2), (5, 0)], [(0, -1), (5, -1)])
+    glues = tiles.glues.copy()
+    glues[3] *= -1
+    load = statics.uniform(tiles, 0.0, FORCE)
+    found = stability.margin(statics.Tiles(tiles.site, glues, tiles.held), (load,), BARE)
+    assert found.tiles == 0.0
+    assert found.body == pytest.approx(BOND / (3 * FORCE), rel=1e-6)
+
+
 @given(st.lists(st.integers(0, 3), min_size=3, max_size=3))
 @settings(deadline=None, max_examples=20)
 def test_recorded_tiles_show_their_glues_as_turned(turns):

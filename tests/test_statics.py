@@ -250,6 +250,16 @@ def test_a_bond_is_peeled_by_a_torque_about_its_corner():
         0.5 * BOND * W + FLOOR[1] + FLOOR[0] * W / math.sqrt(2.0), rel=2e-4)
 
 
+@pytest.mark.parametrize("torque", [1.0, 1e6, math.inf])
+def test_a_floor_torque_as_good_as_unbounded_leaves_the_factor_exact(torque):
+    tiles = block(2)
+    load = uniform(tiles, math.cos(0.2), math.sin(0.2))
+    found = Statics(tiles, PAPER, mating=True, mu=MU, floor=(FLOOR[0], torque)).rest(load)
+    exact = scaling.critical_load(0.2, 2, BOND, MU, FLOOR[0])
+    assert found.factor == pytest.approx(exact, rel=1e-6)
+    assert found.error <= 1e-4 * exact
+
+
 # Contacts.
 
 

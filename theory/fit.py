@@ -432,6 +432,11 @@ def _spread(fit: Fit) -> float:
     if fit.loss == "linear":
         return fit.scale
     _, first, second = LOSSES[fit.loss]
+    if fit.absolute:  # what residuals of unit scatter would give, not what these do
+        res = np.linspace(-10.0, 10.0, 20001)
+        z, share = (res / fit.threshold) ** 2, norm.pdf(res) * 1e-3
+        return math.sqrt(float(np.sum(share * (res * first(z)) ** 2))) / float(
+            np.sum(share * (first(z) + 2 * z * second(z))))
     res = fit.weight * fit.residuals
     z = (res / fit.threshold) ** 2
     n, k = res.size, fit.free.sum()
@@ -495,7 +500,11 @@ def _held(fit: Fit, k: int, value: float) -> Fit:
 
 
 def _profile(fit: Fit, k: int, t: float, side: int) -> float:
-    """Where the profile of parameter k passes its threshold; the bound if it does not before."""
+    """Where the profile of parameter k passes its threshold; the bound if it does not before.
+
+    Nor does it where it passes because another parameter has come to the largest value that the
+    model looks at: the data alone would let both go on.
+    """
     limit = fit.low[k] if side < 0 else fit.high[k]
     allowed = (t * fit.scale) ** 2
     if allowed <= 1e-20 * float(np.sum((fit.weight * fit.force) ** 2)):
@@ -525,15 +534,21 @@ def _profile(fit: Fit, k: int, t: float, side: int) -> float:
         inner, step = outer, 1.6 * step
     else:
         return float(limit)
-    return float(brentq(excess, inner, outer, xtol=1e-7 * abs(outer - inner), rtol=1e-7))
+    end = float(brentq(excess, inner, outer, xtol=1e-7 * abs(outer - inner), rtol=1e-7))
+    excess(end)
+    top = np.array([p.high for p in fit.model.parameters])
+    stopped = (last.at_bound > 0) & (fit.at_bound <= 0) & (last.high == top)
+    return float(limit) if stopped.any() else end
 
 
 def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
               seed: int = 1) -> dict[str, Interval]:
-    """Intervals of all free parameters by the studentised bootstrap of the residuals.
+    """Intervals of all free parameters by a bootstrap.
 
-    Residuals over sqrt(1 - leverage), centred, are drawn again for every point, in units of its
-    uncertainty (Davison and Hinkley, Bootstrap Methods, 1997, 6.2 and 7.3).
+    Studentised, of the residuals: over sqrt(1 - leverage), centred, they are drawn again for every
+    point, in units of its uncertainty (Davison and Hinkley, Bootstrap Methods, 1997, 6.2 and 7.3).
+    Where the uncertainties are taken at their word, points are drawn from normal distributions of
+    those, and errors are what they are.
 
     Raises
     ------
@@ -552,7 +567,8 @@ def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
     value, error = fit.values[use], fit.errors[use]
     pivots = []
     for _ in range(number):
-        again = _solve(replace(fit, force=mean + rng.choice(drawn, drawn.size) / fit.weight))
+        noise = rng.standard_normal(drawn.size) if fit.absolute else rng.choice(drawn, drawn.size)
+        again = _solve(replace(fit, force=mean + noise / fit.weight))
         spread = error if fit.absolute else again.errors[use]
         with np.errstate(divide="ignore", invalid="ignore"):
             pivots.append((again.values[use] - value) / spread)

@@ -175,7 +175,9 @@ def margin(tiles: Tiles, loads: Loads, numbers: Numbers = Numbers()) -> Margin: 
     count = np.bincount(group[tiles.free], minlength=1)
     largest = group == np.argmax(count)
     part = [np.where(largest[:, None], load, 0.0) for load in loads]
-    body, _ = _worst(Statics(tiles, law, mating=mating, mu=mu, floor=floor, rigid=group),
+    # Whether the other groups have a state of rest does not matter to it; their magnets do.
+    fixed = Tiles(tiles.site, tiles.glues, tiles.held | ~largest)
+    body, _ = _worst(Statics(fixed, law, mating=mating, mu=mu, floor=floor, rigid=group),
                      tuple(part))
     return Margin(factor, phase, body, _largest_net(part))
 

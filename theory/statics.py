@@ -206,8 +206,9 @@ class Statics:
         body = np.where(tiles.held, -1, body)  # the held tiles are one body that does not move
         self.magnets = magnet_wrench(tiles, law, mating=mating)
         self.edges = _shared_edges(tiles, body)
-        self.scale = max(float(np.abs(self.magnets[:, :2]).max()), floor[0],
-                         2.0 * floor[1] / law.width) or 1.0
+        # Not of the floor's torque, whose bound may be as good as none.
+        self.scale = (max(float(np.abs(self.magnets[:, :2]).max()), floor[0])
+                      or 2.0 * floor[1] / law.width or 1.0)
         self._gather = self._equations(body)
         self._columns = self._gather @ self._forces()
         self._corner_of = np.repeat(np.arange(f), 16)  # which free tile, and where: [k, 2]
@@ -255,7 +256,8 @@ class Statics:
         bound (of N, T, floor force, floor torque) that keeps the others off it.
         """
         m, f, k = len(self.edges), len(self.tiles.free), len(self._corners)
-        force, torque = self.floor[0] / self.scale, 2.0 * self.floor[1] / self.width / self.scale
+        force = self.floor[0] / self.scale
+        torque = min(2.0 * self.floor[1] / self.width / self.scale, 1e3 * UNBOUNDED)
         row = np.repeat(3 * self.tiles.free[self._corner_of], 2) + np.tile([0, 1], k)
         corners = self._gather @ sparse.csr_array(
             (force * self._corners.ravel(), (row, np.repeat(np.arange(k), 2))),

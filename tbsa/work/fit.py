@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from tbsa.errors import InputError
 from tbsa.model.scene import Magnet, load, parse
-from tbsa.work.measurements import LEAST, LENGTHS, Measurements, quantity
+from tbsa.work.measurements import LEAST, LENGTHS, Measurements, must_fall, quantity
 from theory import fit as fitting
 from theory.fit import Fit, Interval, Model
 
@@ -111,6 +111,7 @@ def fit(
     of = measured.distance.size
     if within is not None:
         measured = _within(measured, within)
+    must_fall(measured)
     nearest = math.inf if kind == "gap" else float(measured.distance.min())
     made = fitting.models(kind, depth or 0.0, nearest)
     known, limits = _settings(fixed, bounds, made)
@@ -236,8 +237,8 @@ def describe(result: Result) -> str:
         f"F = {main.model.formula}" if main.model.name not in EXACT else main.model.formula,
         *_indent(_table(["", "value", "error", "95 %", "unit"], _values(result))),
         f"  {weighted}, {main.loss} loss, {result.method} intervals; {scaled}",
-        *([f"  correlation {', '.join(f'{c:.3f}' for c in correlation)}"] if correlation.size
-          else []),
+        *([f"  correlation {', '.join(f'{c:.3f}' for c in correlation)}"]
+          if correlation.size and np.isfinite(correlation).all() else []),
         "",
         *_goodness(result),
         "",

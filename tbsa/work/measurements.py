@@ -11,6 +11,7 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 from tbsa.errors import InputError
 
@@ -149,7 +150,7 @@ def _name_of(unit: str, scale: float) -> str:
 
 def _judge(measured: Measurements) -> None:
     """What the columns must hold as a whole."""
-    file, d, force = measured.file, measured.distance, measured.force
+    file, d = measured.file, measured.distance
     if d.size > MOST:
         raise InputError(f"points; must be at most {MOST}: give means and their uncertainties",
                          file=file, field="rows", value=d.size)
@@ -159,17 +160,32 @@ def _judge(measured: Measurements) -> None:
     if (different := np.unique(d).size) < LEAST:
         raise InputError(f"different values; must be at least {LEAST}", file=file,
                          field=measured.kind, value=different)
+
+
+def must_fall(measured: Measurements) -> None:
+    """That the forces are those of two magnets: not negative on the whole, and less further off.
+
+    By medians and ranks, so that a single point that is wrong does not speak for all.
+
+    Raises
+    ------
+    InputError
+        Where they are not.
+    """
+    file, force = measured.file, measured.force
     if np.ptp(force) == 0:
         raise InputError("N at every distance; must fall with the distance", file=file,
                          field="force", value=float(force[0]))
-    if force.mean() < SMALLEST:
-        raise InputError(f"N on average; must be at least {SMALLEST:g} N: give sizes of forces, "
+    middle = float(np.median(force))
+    if middle < SMALLEST:
+        raise InputError(f"N in the median; must be at least {SMALLEST:g} N: give sizes of forces, "
                          "without sign",
-                         file=file, field="force", value=float(f"{force.mean():.4g}"))
-    slope = np.polyfit(d / np.ptp(d), force, 1)[0]
-    if slope >= 0:
-        raise InputError("N from the nearest to the farthest point, on average; must fall with "
-                         "the distance", file=file, field="force", value=float(f"{slope:.4g}"))
+                         file=file, field="force", value=float(f"{middle:.4g}"))
+    ranks = float(spearmanr(measured.distance, force).statistic)
+    if ranks >= 0:
+        raise InputError("is the correlation of the ranks of distances and forces; must be "
+                         "negative: forces must fall with the distance",
+                         file=file, field="force", value=float(f"{ranks:.3g}"))
 
 
 def quantity(text: str, unit: str, field: str) -> float:
