@@ -64,7 +64,7 @@ def test_the_cheapest_that_is_exact_enough_is_recommended():
 
 def test_only_steps_that_the_scene_takes_are_tried():
     scene = replace(driven(), record=Record(3 / 480, 3 / 480))
-    steps = {trial.solver.step for trial in bench(scene, after=0.0, horizon=0.01)}
+    steps = {trial.solver.step for trial in bench(scene, after=0.25, horizon=0.01)}
     assert sorted(480 * step for step in steps) == pytest.approx([0.25, 0.5, 1.0])
 
 
@@ -97,11 +97,31 @@ def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
     first, whole = Simulation(lone), Simulation(lone)
     first.run(0.625)
     whole.run(0.75)
-    (x, y), overlap, cost = trial_run(lone, lone.solver, start_of(first), first.time, 0.125)
+    (x, y, _), overlap, cost = trial_run(lone, lone.solver, start_of(first), first.time, 0.125)
     assert (x[0], y[0]) == pytest.approx((whole.x[0], whole.y[0]), abs=1e-15)
     assert abs(y[0]) > WIDTH
     assert overlap == 0.0
     assert cost > 0.0
+
+
+def test_the_deviation_is_that_of_the_points_of_a_tile_that_turns_in_place():
+    turning = scene([tile(0, 0)], floor=Floor(), body=Material(),
+                    drive=Drive("unicycle", 0.0, 1e-2, 4.0), tolerance=3e-4, passes=40,
+                    step=1 / 160)
+    found = {trial.solver.step: trial.deviation
+             for trial in bench(turning, after=0.25, horizon=0.25)}
+    assert found[max(found)] > 0.01
+    assert found[max(found)] > 10.0 * found[min(found)] > 0.0
+
+
+def test_where_nothing_moves_nothing_is_recommended(tmp_path, capsys):
+    """A tile that the floor holds."""
+    config = tmp_path / "scene.toml"
+    config.write_text(dumps(scene([tile(0, 0)], floor=Floor(), tolerance=3e-4,
+                                  drive=Drive("unicycle", 0.5 * SLIDING, 0.0, 0.5))))
+    assert main(["bench", str(config)]) == 2
+    assert capsys.readouterr().err.startswith("tbsa: --after: 1.0 s: no free tile moves from there "
+                                              "to 1.25 s, so that nothing can be compared;")
 
 
 @pytest.mark.parametrize(("option", "value", "field"), [
@@ -120,7 +140,7 @@ def test_bad_options_are_refused(tmp_path, capsys, option, value, field):
 def test_the_command_prints_a_table_and_a_setting(tmp_path, capsys):
     config = tmp_path / "scene.toml"
     config.write_text(dumps(driven()))
-    assert main(["bench", str(config), "--error", "0.5", "--after", "0", "--horizon", "0.1"]) == 0
+    assert main(["bench", str(config), "--error", "0.5", "--after", "0.2", "--horizon", "0.1"]) == 0
     out = capsys.readouterr().out
     assert "deviation w" in out
     assert "[solver]" in out

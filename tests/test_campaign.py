@@ -186,6 +186,21 @@ def test_any_field_can_be_set_and_what_it_makes_meaningless_goes(here, fields, w
     assert what(each.scene)
 
 
+@pytest.mark.parametrize(("how", "counts"), [
+    ('set = {"free.counts" = {black = 10}}', (("black", 10),)),
+    ('grid = {"free.counts" = [{black = 10}]}', (("black", 10),)),
+    ('set = {"free.counts" = {}}', ()), ('set = {free = {counts = {white = 1}}}', (("white", 1),))])
+def test_counts_are_one_field_and_none_are_none(here, how, counts):
+    (each,) = planned(f'scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n{how}\n')
+    assert each.scene.free.counts == counts
+
+
+@pytest.mark.parametrize("how", ['set = {"run.seed" = {}}', 'set = {"no.such" = {}}'])
+def test_a_table_without_entries_is_not_passed_over(here, how):
+    with pytest.raises(InputError):
+        planned(f'scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n{how}\n')
+
+
 def test_seeds_of_a_stream_depend_on_its_name_and_place_alone():
     long = seeds_of("growth", 50)
     assert seeds_of("growth", 8) == long[:8]
@@ -312,6 +327,18 @@ def test_the_papers_campaign_is_36_seeds_of_each_drive():
 def test_of_equally_long_runs_the_groups_take_turns():
     plan = read_plan(ROOT / "paper_runs" / "campaign.toml")
     assert [each.group for each in share(plan, (1, 1))] == ["self-stabilizing", "shaking"] * 36
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 7, 8])
+def test_every_share_has_its_part_of_every_group(n):
+    """So that shares are about equally long, where runs of one group take longer than others."""
+    plan = read_plan(ROOT / "paper_runs" / "campaign.toml")
+    shares = [share(plan, (i, n)) for i in range(1, n + 1)]
+    assert sorted(each.name for one in shares for each in one) == sorted(
+        each.name for each in plan)
+    for group in ("self-stabilizing", "shaking"):
+        counts = [sum(each.group == group for each in one) for one in shares]
+        assert max(counts) - min(counts) <= 1
 
 
 def test_of_equally_long_runs_one_of_each_setting_comes_first():

@@ -163,7 +163,7 @@ def test_only_the_ratios_of_the_uncertainties_count_unless_they_are_absolute(los
 
 
 def test_absolute_errors_of_a_robust_loss_are_wider_by_its_efficiency():
-    """At normal residuals Huber's estimate at 1.345 sd has 95 % of the efficiency of least squares."""
+    """For normal residuals Huber's estimate at 1.345 sd is 95 % as efficient as least squares."""
     linear, huber = (fit(LAW, R, TRUE + 1e-9 * np.sin(1e4 * R), 0.02 * TRUE, loss=loss,
                          absolute=True) for loss in ("linear", "huber"))
     assert (linear.errors / huber.errors) ** 2 == pytest.approx(0.95, abs=1e-3)

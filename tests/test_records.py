@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -465,6 +466,27 @@ def test_a_drive_that_raises_ends_the_run(tmp_path, capfd, line, words):
         tbsa.run(driven(tmp_path, DRIVE + line), tmp_path / "run")
     assert capfd.readouterr().err == ""
     assert not json.loads((tmp_path / "run" / "run.json").read_text())["finished"]
+
+
+def test_what_a_drive_raises_ends_the_run_of_its_own_thread_and_no_other(tmp_path):
+    scenes = [driven(tmp_path, DRIVE + "    if t > p[1]:\n        raise ValueError('boo')\n",
+                     parameters=f"[0.1, {last}]") for last in (0.5, 1e9)]
+    hook = sys.unraisablehook
+
+    def outcome(scene):
+        s = simulation.Simulation(scene)
+        try:
+            for _ in range(40):
+                s.run(0.05)
+        except simulation.SimulationError as error:
+            return str(error)
+        return "done"
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(outcome, scenes * 10))
+    assert all("the drive raised ValueError (boo)" in each for each in found[::2])
+    assert found[1::2] == ["done"] * 10
+    assert sys.unraisablehook is hook
 
 
 def test_a_drive_that_is_no_number_is_told_of_as_that(tmp_path):

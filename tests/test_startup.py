@@ -295,6 +295,15 @@ def test_the_report_of_a_run_has_every_counter_that_is_there():
     assert text.endswith("not computed: magnets, wall, floor friction, drive")
 
 
+def test_the_report_of_a_resumed_run_divides_what_this_process_did_by_its_own_steps():
+    rows = table(work({"steps": 100, "substeps": 400, "lists": 5, "magnet_lists": 20,
+                       "magnet_pairs": 300, "surprises": 10}, SCENE, wall=0.02, since=60))
+    assert rows["lists of near pairs built"] == ["5", "0.125 a step since step 60"]
+    assert rows["magnet pairs with a force computed"] == ["300", "7.5 a step since step 60"]
+    assert rows["steps with an older list of near pairs"] == ["35", "87.5 % of 40"]
+    assert rows["times rows were added or found again within a step"] == ["10", "0.1 a step"]
+
+
 def test_the_report_of_a_run_passes_over_counters_that_are_not_there():
     text = work({"substeps": 0, "rows": 0}, SCENE, wall=0.0)
     assert set(table(text)) == {"work done", "substeps", "manifolds solved"}

@@ -535,6 +535,7 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
         _write_arrays(folder / "layout.npz",
                       {name: getattr(simulation.layout, name) for name in _LAYOUT})
     records = _Writer(path, simulation.numbers.n, keep)
+    since = simulation.steps  # OF_PROCESS counts from here
 
     def save() -> None:
         records.sync()
@@ -542,7 +543,7 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
         counts = {name: np.asarray(value).tolist()
                   for name, value in simulation.counts._asdict().items()}
         info = {
-            "format": FORMAT, "version": _version(), "fingerprint": mark,
+            "format": FORMAT, "version": _version(), "fingerprint": mark, "since": since,
             "time": simulation.time, "finished": simulation.steps >= end,
             "wall": earlier + time.perf_counter() - begin,
             "counts": {k: v[0] if len(v) == 1 else v for k, v in counts.items()},

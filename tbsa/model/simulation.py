@@ -418,18 +418,38 @@ def _user_function(scene: Scene) -> Callable[..., None]:
     return function
 
 
-@contextlib.contextmanager
-def _raised() -> Iterator[list[BaseException]]:
-    """What a compiled drive raises meanwhile: it cannot be passed on through the kernels, and
-    would only be printed."""
-    found: list[BaseException] = []
-    before = sys.unraisablehook
+class _Inside:
+    """How many calls of `advance` are under way, in all threads, and the hook that was there."""
 
-    def note(what: Any) -> None:
+    number = 0
+    hook: Callable[[Any], object] = sys.unraisablehook
+    lock = threading.Lock()
+    here = threading.local()  # what the drive has raised in the call of this thread
+
+
+def _note(what: Any) -> None:
+    found: list[BaseException] | None = getattr(_Inside.here, "found", None)
+    if found is None:  # not of a drive
+        _Inside.hook(what)
+    else:
         found.append(what.exc_value or what.exc_type())
 
-    sys.unraisablehook = note
+
+@contextlib.contextmanager
+def _raised() -> Iterator[list[BaseException]]:
+    """What a compiled drive raises meanwhile in this thread: it cannot be passed on through the
+    kernels, and would only be printed."""
+    found: list[BaseException] = []
+    with _Inside.lock:
+        if _Inside.number == 0:
+            _Inside.hook, sys.unraisablehook = sys.unraisablehook, _note
+        _Inside.number += 1
+    _Inside.here.found = found
     try:
         yield found
     finally:
-        sys.unraisablehook = before
+        _Inside.here.found = None
+        with _Inside.lock:
+            _Inside.number -= 1
+            if _Inside.number == 0:
+                sys.unraisablehook = _Inside.hook

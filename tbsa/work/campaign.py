@@ -166,7 +166,10 @@ def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
         place[sample] += 1
         place[each.group,] += 1
     order = sorted(range(len(plan)), key=lambda k: (-plan[k].cost, turns[k]))
-    return [plan[k] for k in order[i - 1 :: n]]
+    # Dealt out setting by setting, so that every share has its part of each.
+    alike = sorted(order, key=lambda k: (-plan[k].cost, plan[k].group, plan[k].settings))
+    mine = set(alike[i - 1 :: n])
+    return [plan[k] for k in order if k in mine]
 
 
 def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:

@@ -272,7 +272,7 @@ def _run(arguments: argparse.Namespace) -> int:
         from tbsa.work.report import work
 
         info = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        print("", work(info["counts"], scene, info["wall"]), "", sep="\n")
+        print("", work(info["counts"], scene, info["wall"], info["since"]), "", sep="\n")
     print(f"run in {folder}")
     return 0
 

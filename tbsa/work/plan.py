@@ -387,9 +387,12 @@ SEEDS = ('must be an array of integers, {first = 1, number = 36}, or '
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values: {"drive.force" = 1} and {drive = {force = 1}} say the same."""
+    """Dotted names and values: {"drive.force" = 1} and {drive = {force = 1}} say the same.
+
+    A table without entries is a value, and so are the counts, which are one field.
+    """
     for key, value in table.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value and before + key != "free.counts":
             yield from _flat(value, f"{before}{key}.")
         else:
             yield before + key, value

@@ -22,9 +22,9 @@ ROWS = 40  # of the table of wrong tiles; the most dangerous come first
 DONE = {
     "steps": ("steps", ""),
     "substeps": ("substeps", ""),
-    "lists": ("lists of near pairs built", "a step"),
-    "magnet_lists": ("lists of magnet pairs built", "a step"),
-    "magnet_pairs": ("magnet pairs with a force computed", "a step"),
+    "lists": ("lists of near pairs built", "a step since"),
+    "magnet_lists": ("lists of magnet pairs built", "a step since"),
+    "magnet_pairs": ("magnet pairs with a force computed", "a step since"),
     "surprises": ("times rows were added or found again within a step", "a step"),
     "rows": ("manifolds solved", "a substep"),
     "passes": ("passes of the contact solver", "a substep"),
@@ -35,11 +35,11 @@ DONE = {
 }
 LEFT_OUT = {
     "joined": ("substeps joined with others in calm scenes", "of all_substeps"),
-    "kept_lists": ("steps with an older list of near pairs", "of steps"),
-    "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps"),
+    "kept_lists": ("steps with an older list of near pairs", "of steps_here"),
+    "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps_here"),
     "unsolved": ("manifolds that had converged", "of solves"),
 }
-_SHOWN_WITH_OTHERS = {"overlap", "deepest", "all_substeps"}
+_SHOWN_WITH_OTHERS = {"overlap", "deepest", "all_substeps", "steps_here"}
 
 
 def describe(scene: Scene) -> str:
@@ -90,7 +90,7 @@ def aligned(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
     ]
 
 
-def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
+def work(counts: Mapping[str, Any], scene: Scene, wall: float, since: int = 0) -> str:
     """What a run has computed, and what it has left out.
 
     Parameters
@@ -101,22 +101,27 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float) -> str:
         Its scene.
     wall : float
         Wall time of the run (s).
+    since : int
+        Steps of the run before it was last gone on with: what is counted of a process begins there.
     """
     known = {name: int(value) for name, value in counts.items() if np.ndim(value) == 0}
     substeps = max(known.get("substeps", 0), 1)
     for name in ("lists", "magnet_lists"):
         if known.get(name, 0) > 0:
-            known[f"kept_{name}"] = max(known.get("steps", 0) - known[name], 0)
+            known[f"kept_{name}"] = max(known.get("steps", 0) - since - known[name], 0)
+    known["steps_here"] = known.get("steps", 0) - since
     if "joined" in known:
         known["all_substeps"] = known["joined"] + known.get("substeps", 0)
-    by = {"a substep": substeps, "a step": max(known.get("steps", 0), 1)}
+    by = {"a substep": substeps, "a step": max(known.get("steps", 0), 1),
+          "a step since": max(known["steps_here"], 1)}
 
     def row(name: str, what: str, per: str) -> tuple[str, int, str]:
         number = known[name]
         if name == "substeps":
             return what, number, f"{1e6 * wall / substeps:.3g} us of wall time each"
         if per in by:
-            return what, number, f"{number / by[per]:.3g} {per}"
+            after = f" since step {since}" if per.endswith("since") and since else ""
+            return what, number, f"{number / by[per]:.3g} {per.removesuffix(' since')}{after}"
         total = known.get(per.removeprefix("of "), 0)
         share = f"{100 * number / total:.3g} %" if total else ""
         return what, number, f"{share} of {total}" if share and per != "of substeps" else share
