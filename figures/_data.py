@@ -16,7 +16,7 @@ from paper_runs.tables import DATA, done
 from tbsa.errors import InputError
 
 __all__ = ["BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "Missing", "done",
-           "means", "needed", "points", "results", "seconds"]
+           "means", "needed", "points", "results", "runs", "seconds"]
 
 # Tables, and a few records, of campaigns.
 CAMPAIGN, CALIBRATION = DATA / "campaign", DATA / "calibration"
@@ -54,14 +54,27 @@ def seconds(rows: pd.DataFrame) -> str:
 
 
 def means(rows: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Mean size by the values of a column, with the smallest and the largest run."""
-    return rows.groupby(over)["size"].agg(["mean", "min", "max"])
+    """Mean size by the values of a column, with the smallest and the largest run, and how many."""
+    return rows.groupby(over)["size"].agg(["mean", "min", "max", "count"])
+
+
+def runs(counts: pd.Series) -> str:
+    """How many runs stand behind each value, in words."""
+    least, most = int(counts.min()), int(counts.max())
+    number = f"{most}" if least == most else f"{least} to {most}"
+    return f"{number} run{'s' if most > 1 else ''} each"
 
 
 def points(ax: Axes, at: pd.DataFrame, drive: str, label: str, **look: Any) -> Any:
-    """Means with a bar from the smallest to the largest run, in the drive's look."""
+    """Means with a bar from the smallest to the largest run, if there are several, in the drive's
+    look."""
     colour, dash, mark = LOOKS[drive]
     mean = at["mean"].to_numpy()
+    label = f"{label}, {runs(at['count'])}"
+    if int(at["count"].max()) == 1:
+        return ax.plot(at.index.to_numpy(dtype=float), mean,
+                       **{"color": colour, "linestyle": dash, "marker": mark, "markersize": 4,
+                          "label": label, "clip_on": False, **look})
     return ax.errorbar(at.index.to_numpy(dtype=float), mean,
                        np.stack([mean - at["min"], at["max"] - mean]),
                        **{"color": colour, "linestyle": dash, "marker": mark, "markersize": 4,

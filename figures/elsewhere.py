@@ -37,7 +37,8 @@ def make() -> Figure:
                 legend.remove()
             found = tbsa.assembly(run.scene, *record)
             ax.set_title(f"{what}, {label}\n{run.time[-1]:g} s: {found.size} tiles, "
-                         f"{found.errors} wrong, {found.holes} holes", fontsize=7, pad=2)
+                         f"{found.errors} wrong, {found.holes} hole{'s' * (found.holes != 1)}",
+                         fontsize=7, pad=2)
             ax.set_axis_off()
     return fig
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import tbsa
-from figures._data import CALIBRATION, done, needed
+from figures._data import CALIBRATION, done, needed, runs
 from figures.style import ORANGE, figure
 from paper_runs.tables import HERE, given
 
@@ -63,8 +63,10 @@ def make() -> Figure:
         ax.spines[:].set_visible(False)
     axes[-1].set_xlabel("$F_{mag}$ (N)")
     seconds = sorted(set(unicycle["duration"]))
-    fig.supylabel(f"attached tiles after {', '.join(f'{each:g}' for each in seconds)} s",
-                  fontsize=8)
+    counts = pd.concat([each.groupby([*by, "floor.law", "drive.force"]).size() for each, by in
+                        ((unicycle, ["drive.torque"]), (shaking, []))])
+    fig.supylabel(f"attached tiles after {', '.join(f'{each:g}' for each in seconds)} s, "
+                  f"{runs(counts)}", fontsize=8)
     return fig
 
 

@@ -50,6 +50,12 @@ def make() -> Figure:
             if points:
                 ax.loglog(*zip(*points, strict=True), marker, color=colour, markersize=2.5,
                           label=name)
+        bottom, top = ax.get_ylim()
+        if bottom < LEAST:
+            ax.axhspan(bottom, 3.0 * LEAST, color=GREY, alpha=0.15, lw=0)
+            ax.set_ylim(bottom, top)
+            ax.annotate(f"{LEAST:g} and less", (1.0, 3.0 * LEAST), (-2, 1), fontsize=6, color=GREY,
+                        xycoords=("axes fraction", "data"), textcoords="offset points", ha="right")
         ax.set_title(title, fontsize=8)
         ax.set(xlabel="run time for 1 s (s)", ylabel=f"error: {quantity}")
         ax.spines[["top", "right"]].set_visible(False)

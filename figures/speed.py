@@ -41,6 +41,8 @@ def make() -> Figure:
     speeds(right, rows)
     for ax in (left, right):
         ax.spines[["top", "right"]].set_visible(False)
+    fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=6,
+               handlelength=4.0, columnspacing=1.2)
     return fig
 
 
@@ -61,7 +63,6 @@ def cost(ax: Axes, rows: list[dict[str, Any]]) -> None:
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_yticks(ticks, [f"{tick:,}" for tick in ticks])
     ax.set(xlabel="free tiles", ylabel="CPU time a tile and substep (ns)")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=6)
 
 
 def speeds(ax: Axes, rows: list[dict[str, Any]]) -> None:
@@ -80,13 +81,12 @@ def speeds(ax: Axes, rows: list[dict[str, Any]]) -> None:
             value = peers[scene, engine] / ours[scene, skips, name]
             ax.barh(y + 0.21 * (2 * k - 1), value, 0.36, color=colour,
                     label=label if y == 0 else None)
-            ax.annotate(f"{value:.2g}", (value, y + 0.21 * (2 * k - 1)), (2, 0),
-                        textcoords="offset points", va="center_baseline", fontsize=6, zorder=3,
-                        bbox={"color": "white", "pad": 0.0})
+            ax.annotate(f"{value:.2g}", (max(value, 1.0), y + 0.21 * (2 * k - 1)), (2, 0),
+                        textcoords="offset points", va="center_baseline", fontsize=6, zorder=3)
     ax.axvline(1.0, color=GREY, linewidth=0.8, zorder=1)
     ax.set_yticks(range(len(places)), [
-        f"{scene}{f', skips {skips}' if switched else ''}\nagainst {ENGINES[engine]}"
+        f"{scene}{f', skips {skips}' if switched else ''}, {ENGINES[engine]}"
         for scene, skips, engine in places])
     ax.invert_yaxis()
     ax.margins(x=0.12)
-    ax.set(xlabel="times as fast (with magnets, theirs without)")
+    ax.set(xlabel="times as fast (ours with magnets)")

@@ -291,10 +291,10 @@ def readings(folder: Path, table: pd.DataFrame) -> list[str]:
             *markdown(("reading", "drive", "runs", "size", "less the base (95 %)", "errors (%)",
                        "holes (%)", "wrongly turned", "size by contact"), rows), "",
             f"\\* The interval leaves out 0: {apart} of {compared}, of which {0.05 * compared:.0f} "
-            "would by chance. Sizes are bounded by the sites of the seed's quadrants: 400 with 41 "
-            "tiles, 81 with 19 and 64 with 36. Membership by contact instead of by bonds is the "
-            "last column. With families that do not follow the colours, errors are tiles that "
-            "face a tile of the assembly with magnets that do not attract."]
+            "would by chance. The ground truth has 400 sites with a seed of 41 tiles, 81 with 19 "
+            "and 64 with 36; tiles outside it count, too. Membership by contact instead of by "
+            "bonds is the last column. With families that do not follow the colours, errors are "
+            "tiles that face a tile of the assembly with magnets that do not attract."]
 
 
 def _about(ended: pd.DataFrame) -> str:

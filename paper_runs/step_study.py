@@ -26,7 +26,8 @@ LEAST = 12  # seeds of each step
 MEASURES = {"at the end": "size", "mean of the last third": "late"}
 HEAD = ("drive", "size", "step (s)", "runs", "mean (95 %)", "standard deviation")
 VERDICT = ("drive", "size", "half the step less the step", "% of the mean (95 %)", "contains 0",
-           f"within ±{NARROW:g} %", "seeds for that width")
+           f"half width at most {NARROW:g} %", "seeds for that width",
+           f"wholly within ±{NARROW:g} %")
 
 
 def study(table: pd.DataFrame, late: Sequence[float]) -> tuple[list[Sequence[object]],
@@ -43,7 +44,7 @@ def study(table: pd.DataFrame, late: Sequence[float]) -> tuple[list[Sequence[obj
                 sizes.append((drive, what, f"{step:.3g} (1/{1 / step:.0f})", len(arm), mean(arm),
                               number(float(arm.std())) if len(arm) > 1 else "–"))
             if len(arms) != 2:
-                verdicts.append((drive, what, f"needs two steps, has {len(arms)}", *["–"] * 4))
+                verdicts.append((drive, what, f"needs two steps, has {len(arms)}", *["–"] * 5))
                 continue
             middle = 0.5 * (arms[0].mean() + arms[1].mean())
             off = difference(arms[1], arms[0])
@@ -52,18 +53,20 @@ def study(table: pd.DataFrame, late: Sequence[float]) -> tuple[list[Sequence[obj
     return sizes, verdicts
 
 
-def judged(part: Estimate) -> tuple[str, str, str]:
-    """Whether the difference (per cent) contains 0, is narrow, and the seeds that it would take.
+def judged(part: Estimate) -> tuple[str, str, str, str]:
+    """Whether the difference (per cent) contains 0, is narrow, and the seeds that it would take;
+    and whether a difference of as much is excluded.
 
     The width falls with the square root of the number of seeds.
     """
     if math.isnan(part.low):
-        return "–", "–", "–"
+        return "–", "–", "–", "–"
     half = 0.5 * (part.high - part.low)
     wanted = max(math.ceil(part.n * (half / NARROW) ** 2), LEAST)
     enough = "" if part.n >= LEAST else f", of {part.n} seeds only"
     return ("yes" if part.low <= 0.0 <= part.high else "no",
-            f"{'yes' if half <= NARROW else 'no'} (±{number(half)}){enough}", str(wanted))
+            f"{'yes' if half <= NARROW else 'no'} (±{number(half)}){enough}", str(wanted),
+            "yes" if part.low >= -NARROW and part.high <= NARROW else "no")
 
 
 def report(folder: Path, plan: Path) -> str:
