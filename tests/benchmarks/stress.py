@@ -1,6 +1,6 @@
 """The stress suite: hard scenes, and what must hold in each.
 
-    python -m tests.benchmarks.stress             every row, about an hour
+    python -m tests.benchmarks.stress             every row, five minutes
     python -m tests.benchmarks.stress --fast      those of the fast tests, seconds
     python -m tests.benchmarks.stress NAME ...    some of them
 
