@@ -189,7 +189,8 @@ def test_any_field_can_be_set_and_what_it_makes_meaningless_goes(here, fields, w
 @pytest.mark.parametrize(("how", "counts"), [
     ('set = {"free.counts" = {black = 10}}', (("black", 10),)),
     ('grid = {"free.counts" = [{black = 10}]}', (("black", 10),)),
-    ('set = {"free.counts" = {}}', ()), ('set = {free = {counts = {white = 1}}}', (("white", 1),))])
+    ('set = {"free.counts" = {}}', ()),
+    ('set = {"free.counts.white" = 7, free.counts.black = 3}', (("white", 7), ("black", 3)))])
 def test_counts_are_one_field_and_none_are_none(here, how, counts):
     (each,) = planned(f'scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n{how}\n')
     assert each.scene.free.counts == counts

@@ -347,6 +347,20 @@ def test_an_end_where_another_parameter_is_at_the_models_own_limit_is_none():
     assert "beta is not identified" in said
 
 
+@pytest.mark.parametrize(("height", "seed"), [(3e-3, 2), (4.98e-3, 2)])
+def test_what_magnets_cannot_be_is_a_true_end(height, seed):
+    """No more than 2 T, and no higher than the nearest centres are apart: the others' intervals are
+    those with either bound."""
+    model = models("centre", nearest=5e-3)["cylinder"]
+    z = np.linspace(5e-3, 40e-3, 15)
+    true = model.force(z, 1.2, 5e-3, height)
+    noise = np.random.default_rng(seed).standard_normal(15)
+    found = fit(model, z, true * (1 + 0.01 * noise), 0.01 * true)
+    low, high = interval(found, "radius")
+    assert 4.7e-3 < low < 5e-3
+    assert 5e-3 < high < 5.4e-3
+
+
 NOISE = {  # the noise, whether it is known, and whether it is taken at its word
     "scaled": (0.03 * TRUE, True, False),
     "absolute": (0.03 * TRUE, True, True),
@@ -818,7 +832,8 @@ BAD = [  # (name, bytes of the file, what the message must say)
      "line 5, sd: '0' must be a number from 1e-12"),
     ("a negative uncertainty", (H + ROWS + "4,1,-1\n").encode(), "sd: '-1' must be a number from"),
     ("a certainty", (H + "4,1,1e-300\n").encode(), "sd: '1e-300' must be a number from 1e-12"),
-    ("no force", b"gap (mm),force (N)\n1,3e-200\n2,2e-200\n3,1e-200\n", "N in the median; must be"),
+    ("no force", b"gap (mm),force (N)\n1,3e-200\n2,2e-200\n3,1e-200\n",
+     "N in mean and median; must be"),
     ("no points", H.encode(), "rows: 0 points; must be at least 3"),
     ("two points", (H + "1,3,1\n2,2,1\n").encode(), "rows: 2 points; must be at least 3"),
     ("two distances", (H + "1,3,1\n2,2,1\n2,1,1\n").encode(),
@@ -826,7 +841,7 @@ BAD = [  # (name, bytes of the file, what the message must say)
     ("constant force", (H + "1,2,1\n2,2,1\n3,2,1\n").encode(),
      "force: 2.0 N at every distance; must fall"),
     ("forces with a sign", b"gap (mm),force (N)\n1,-3\n2,-2\n3,-1\n",
-     "force: -2.0 N in the median; must be at least"),
+     "force: -2.0 N in mean and median; must be at least"),
     ("a force that rises", b"gap (mm),force (N)\n1,1\n2,2\n3,3\n4,4\n", "must fall"),
     ("a picture", b"\x89PNG\r\n\x1a\n\x00\x00", "must be a CSV file in UTF-8"),
     ("zeros", b"\x00" * 50, "must be a CSV file: it holds a NUL"),
@@ -842,6 +857,18 @@ def test_one_wrong_point_does_not_stand_in_the_way_of_what_leaves_it_out(here, c
         R[:9] + 3e-3, ALPHA, BETA), 5.0))
     assert run("outlier.csv", "--inset", "1.5mm", *options) == 0
     assert re.search(r"alpha +18 .*N mm\^2", capsys.readouterr().out)
+
+
+def test_a_far_field_of_zeros_or_noise_is_fitted(here, capsys):
+    write(here / "zeros.csv", [1, 2, 3, 5, 10, 20, 40, 60, 80], [1, 0.6, 0.4, 0.15, 0, 0, 0, 0, 0])
+    assert run("zeros.csv", "--inset", "1.5mm") == 0
+    near, far = np.linspace(1, 8, 5), np.linspace(25, 80, 20)
+    for seed in range(5):
+        noise = 2e-3 * np.random.default_rng(seed).standard_normal(25)
+        d = np.append(near, far)
+        write(here / "noise.csv", d, np.exp(-d / 2.5) + noise)
+        assert run("noise.csv", "--inset", "1.5mm") == 0
+    capsys.readouterr()
 
 
 def test_forces_must_fall_over_the_range_that_is_fitted(here, capsys):

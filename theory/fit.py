@@ -117,6 +117,9 @@ def models(distance: str = "centre", inset: float = 0.0,
     return {model.name: model for model in made}
 
 
+# Parameters whose largest value is only where the search for them ends.
+SEARCHED = ("alpha", "beta", "force", "exponent")
+
 LOSSES: dict[str, tuple[float, Callable[[Floats], Floats], Callable[[Floats], Floats]]] = {
     # tuning constant (scales of the residuals), rho' and rho'' of the squared residual, as SciPy's
     "linear": (1.0, np.ones_like, np.zeros_like),
@@ -502,8 +505,8 @@ def _held(fit: Fit, k: int, value: float) -> Fit:
 def _profile(fit: Fit, k: int, t: float, side: int) -> float:
     """Where the profile of parameter k passes its threshold; the bound if it does not before.
 
-    Nor does it where it passes because another parameter has come to the largest value that the
-    model looks at: the data alone would let both go on.
+    Nor does it where it passes because another parameter has come to where the search for it ends:
+    the data alone would let both go on.  (What magnets cannot be is another matter.)
     """
     limit = fit.low[k] if side < 0 else fit.high[k]
     allowed = (t * fit.scale) ** 2
@@ -536,7 +539,7 @@ def _profile(fit: Fit, k: int, t: float, side: int) -> float:
         return float(limit)
     end = float(brentq(excess, inner, outer, xtol=1e-7 * abs(outer - inner), rtol=1e-7))
     excess(end)
-    top = np.array([p.high for p in fit.model.parameters])
+    top = np.array([p.high if p.name in SEARCHED else np.inf for p in fit.model.parameters])
     stopped = (last.at_bound > 0) & (fit.at_bound <= 0) & (last.high == top)
     return float(limit) if stopped.any() else end
 

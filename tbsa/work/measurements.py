@@ -165,7 +165,7 @@ def _judge(measured: Measurements) -> None:
 def must_fall(measured: Measurements) -> None:
     """That the forces are those of two magnets: not negative on the whole, and less further off.
 
-    By medians and ranks, so that a single point that is wrong does not speak for all.
+    By ranks and medians or by sizes, whichever says so.
 
     Raises
     ------
@@ -176,13 +176,15 @@ def must_fall(measured: Measurements) -> None:
     if np.ptp(force) == 0:
         raise InputError("N at every distance; must fall with the distance", file=file,
                          field="force", value=float(force[0]))
-    middle = float(np.median(force))
+    # Either will do: one wrong point spoils the mean, a far field of zeros the median.
+    middle = max(float(np.median(force)), float(np.mean(force)))
     if middle < SMALLEST:
-        raise InputError(f"N in the median; must be at least {SMALLEST:g} N: give sizes of forces, "
-                         "without sign",
+        raise InputError(f"N in mean and median; must be at least {SMALLEST:g} N: give sizes of "
+                         "forces, without sign",
                          file=file, field="force", value=float(f"{middle:.4g}"))
     ranks = float(spearmanr(measured.distance, force).statistic)
-    if ranks >= 0:
+    slope = float(np.polyfit(measured.distance / np.ptp(measured.distance), force, 1)[0])
+    if ranks >= 0 and slope >= 0:
         raise InputError("is the correlation of the ranks of distances and forces; must be "
                          "negative: forces must fall with the distance",
                          file=file, field="force", value=float(f"{ranks:.3g}"))

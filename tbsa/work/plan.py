@@ -389,10 +389,11 @@ SEEDS = ('must be an array of integers, {first = 1, number = 36}, or '
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted names and values: {"drive.force" = 1} and {drive = {force = 1}} say the same.
 
-    A table without entries is a value, and so are the counts, which are one field.
+    A table without entries is a value, and so is that of "free.counts" under this name; what is
+    written as free.counts.black, with or without quotes, is that count alone.
     """
     for key, value in table.items():
-        if isinstance(value, Mapping) and value and before + key != "free.counts":
+        if isinstance(value, Mapping) and value and key != "free.counts":
             yield from _flat(value, f"{before}{key}.")
         else:
             yield before + key, value
