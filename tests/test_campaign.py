@@ -829,7 +829,7 @@ def test_two_processes_on_one_campaign_are_refused(here, capsys):
                 ("holds a campaign already: go on with it (--resume)", ["campaign.toml"]),
                 (f"is in use: process {child.pid} on ", ["campaign.toml", "--resume"]),
                 ("is doing its runs", ["campaign.toml", "--resume", "--part", "2/3"]),
-                ("is at work with another plan", ["more.toml", "--resume", "--part", "2/5"])):
+                ("is at work with another plan", ["more.toml", "--resume", "--part", "4/5"])):
             assert main(["campaign", *arguments, "--out", "out"]) == 2
             err = capsys.readouterr().err
             assert err.startswith("tbsa: out: ")
