@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from figures._data import CAMPAIGN, DRIVES, LOOKS, MORE_TILES, done, needed
+from figures._data import CAMPAIGN, DRIVES, LOOKS, MORE_TILES, done, needed, runs
 from figures.style import GREY, figure
 from paper_runs.tables import curves, given
 
@@ -47,6 +47,6 @@ def make() -> Figure:
     axes[-1].set_xlabel("time (s)")
     fig.align_ylabels(list(axes))
     fig.legend(handles=[Line2D([], [], color=GREY, linestyle=LINES.get(number, "-."),
-                               label=f"{number} free tiles") for number, _, _ in parts],
-               loc="outside upper center", ncols=len(parts))
+                               label=f"{number} free tiles, {runs(rows.groupby('group').size())}")
+                        for number, _, rows in parts], loc="outside upper center")
     return fig
