@@ -70,13 +70,8 @@ def points(ax: Axes, at: pd.DataFrame, drive: str, label: str, **look: Any) -> A
     look."""
     colour, dash, mark = LOOKS[drive]
     mean = at["mean"].to_numpy()
-    label = f"{label}, {runs(at['count'])}"
-    if int(at["count"].max()) == 1:
-        return ax.plot(at.index.to_numpy(dtype=float), mean,
+    bars = None if int(at["count"].max()) == 1 else np.stack([mean - at["min"], at["max"] - mean])
+    return ax.errorbar(at.index.to_numpy(dtype=float), mean, bars,
                        **{"color": colour, "linestyle": dash, "marker": mark, "markersize": 4,
-                          "label": label, "clip_on": False, **look})
-    return ax.errorbar(at.index.to_numpy(dtype=float), mean,
-                       np.stack([mean - at["min"], at["max"] - mean]),
-                       **{"color": colour, "linestyle": dash, "marker": mark, "markersize": 4,
-                          "capsize": 2, "elinewidth": 0.8, "label": label, "clip_on": False,
-                          **look})
+                          "capsize": 2, "elinewidth": 0.8, "clip_on": False,
+                          "label": f"{label}, {runs(at['count'])}", **look})

@@ -82,13 +82,10 @@ def test_the_energy_of_many_magnets_is_the_sum_over_all_pairs():
     assert MagnetEnergy(scene, glues)(s.x, s.y, s.angle) == pytest.approx(total, rel=1e-7)
 
 
-def test_smooth_tiles_under_a_strong_torque_overlap_by_some_per_cent_at_most():
-    """36 tiles without friction that their drive spins to hundreds of rad/s, at the recommended
-    settings: corners that sweep through where others are hit them.
-
-    The deepest overlap of half a minute is 2.3 % of the width in the mean of 48 runs, and 3.3 %
-    in the worst of them.
-    """
+@pytest.fixture(scope="module")
+def smooth():
+    """Deepest overlap (widths) in half a minute of 36 tiles without friction that their drive
+    spins to hundreds of rad/s, at the recommended settings; six runs."""
     wall = Reactor("circle", 0.237, friction=0.0, restitution=0.2)
     scene = stress.crowd(36, 0.237, drive=Drive("unicycle", 0.082, 0.00493, 1.0),
                          floor=Floor("exact"), material=Material(friction=0.0), wall=wall)
@@ -99,5 +96,16 @@ def test_smooth_tiles_under_a_strong_torque_overlap_by_some_per_cent_at_most():
         s.run(30.0)
         assert np.abs(s.omega).max() > 100
         deepest.append(s.counts.deepest[0] / s.scene.material.width)
-    assert np.mean(deepest) < 0.03
-    assert max(deepest) < 0.05
+    return deepest
+
+
+@pytest.mark.xfail(strict=True, reason="two runs of three go beyond; see ARCHITECTURE")
+def test_smooth_tiles_under_a_strong_torque_never_overlap_by_a_fiftieth(smooth):
+    assert max(smooth) < 0.02
+
+
+def test_smooth_tiles_under_a_strong_torque_overlap_by_some_per_cent_at_most(smooth):
+    """Corners that sweep through where others are hit them: 2.3 % of the width in the mean of 48
+    runs, 3.3 % in the worst of them."""
+    assert np.mean(smooth) < 0.03
+    assert max(smooth) < 0.05
