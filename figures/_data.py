@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from paper_runs.tables import DATA, done
 from tbsa.errors import InputError
 
 __all__ = ["BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "Missing", "done",
-           "means", "needed", "points", "results", "runs", "seconds"]
+           "means", "needed", "order", "points", "results", "runs", "seconds"]
 
 # Tables, and a few records, of campaigns.
 CAMPAIGN, CALIBRATION = DATA / "campaign", DATA / "calibration"
@@ -46,6 +47,11 @@ def results(path: Path) -> dict[str, Any]:
     if not isinstance(found, dict) or not found:
         raise InputError("must be a JSON object with results", file=str(path))
     return found
+
+
+def order(name: str) -> tuple[int, ...]:
+    """What versions, or files named by them, are sorted by."""
+    return tuple(map(int, re.findall(r"\d+", name)))
 
 
 def seconds(rows: pd.DataFrame) -> str:

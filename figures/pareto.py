@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from figures._data import Missing, results
+from figures._data import Missing, order, results
 from figures.style import BLUE, GREY, ORANGE, figure
 
 RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
@@ -28,8 +28,7 @@ ENGINES = {"tbsa": (BLUE, "o", "tbsa"), "box2d": (ORANGE, "s", "Box2D"),
 def newest(path: Path) -> list[dict[str, Any]]:
     """Rows of the newest version in a file of results."""
     versions = results(path)
-    rows: list[dict[str, Any]] = versions[max(versions, key=lambda v: tuple(
-        int(part) for part in v.split(".") if part.isdigit()))]
+    rows: list[dict[str, Any]] = versions[max(versions, key=order)]
     return rows
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from figures._data import Missing, results
+from figures._data import Missing, order, results
 from figures.style import BLUE, GREY, ORANGE, figure
 
 RESULTS = Path(__file__).parents[1] / "tests" / "benchmarks" / "results"
@@ -20,11 +20,8 @@ ENGINES = {"box2d": "Box2D", "pymunk": "Pymunk"}
 
 def newest(folder: Path) -> Path:
     """The results of the newest version in a folder."""
-    def version(path: Path) -> tuple[int, ...]:
-        return tuple(int(part) for part in path.stem.removeprefix("speed-").split(".")
-                     if part.isdigit())
-
-    return max(folder.glob("speed-*.json"), key=version, default=folder / "speed-VERSION.json")
+    return max(folder.glob("speed-*.json"), key=lambda path: order(path.name),
+               default=folder / "speed-VERSION.json")
 
 
 DATA: tuple[Path, ...] = (newest(RESULTS),)

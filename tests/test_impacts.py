@@ -339,6 +339,38 @@ def test_two_smooth_elastic_tiles_keep_their_energy_however_they_meet(solver):
         assert energy * (1 - 1e-2) < s.kinetic_energy() < energy * (1 + 1e-12)
 
 
+@pytest.mark.parametrize("fast", [0.3, 3.0])
+def test_a_slow_bounce_is_not_lost_to_a_fast_one_elsewhere(fast):
+    """Corners on faces, at 0.2 mm/s and, a metre away, a thousand times as fast or more."""
+    def pair(x, speed):
+        centre = complex(x + 0.5 * WIDTH + DIAGONAL + TOUCH, 0.002)
+        return [tile(x, held=True), placed(centre, 0.25 * math.pi, complex(-speed, 0.0), 0.0)]
+
+    s = simulate(pair(0.0, fast) + pair(1.0, 2e-4), body=material(friction=0.0, restitution=1.0))
+    s.advance(1)
+    assert s.vx[3] == pytest.approx(2e-4, rel=1e-6)
+    assert s.vx[1] == pytest.approx(fast, rel=1e-6)
+
+
+def test_two_tiles_meet_as_they_would_if_nothing_else_were_in_the_world():
+    """A tile that bounces between two held ones ten metres away shares a block of rows with them:
+    none of 250 pairs comes to notice."""
+    random = np.random.default_rng(7)
+    far = [tile(10.0, held=True), tile(10.0 + WIDTH + 7e-4, vx=2.0),
+           tile(10.0 + 2 * WIDTH + 1.4e-3, held=True)]
+    for _ in range(250):
+        (angle_a, angle_b), (spin_a, spin_b) = random.uniform(-3, 3, 2), random.uniform(-15, 15, 2)
+        pair = [tile(-WIDTH, 0, angle_a, 0.08, 0, spin_a),
+                tile(WIDTH, random.uniform(-0.8, 0.8) * WIDTH, angle_b, -0.08, 0, spin_b)]
+        alone, together = (simulate(tiles, body=material(friction=0.0, restitution=1.0),
+                                    join_substeps=False, **RECOMMENDED)
+                           for tiles in (pair, pair + far))
+        for s in (alone, together):
+            s.run(0.6)
+        assert together.counts.impacts[0] > 500
+        assert np.abs(state(together)[:, :2] - state(alone)).max() < 1e-9
+
+
 @pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
 @pytest.mark.parametrize("speed", [0.3, 1.0])
 def test_a_gas_of_smooth_elastic_tiles_keeps_its_energy(solver, speed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import json
 import multiprocessing
 import os
@@ -11,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -487,6 +489,77 @@ def test_what_a_drive_raises_ends_the_run_of_its_own_thread_and_no_other(tmp_pat
     assert all("the drive raised ValueError (boo)" in each for each in found[::2])
     assert found[1::2] == ["done"] * 10
     assert sys.unraisablehook is hook
+
+
+def test_what_has_ended_with_an_error_says_so_and_does_not_go_on(tmp_path):
+    s = Simulation(driven(tmp_path, DRIVE + "    if t > 0.1:\n        raise ValueError('boo')\n"))
+    with pytest.raises(simulation.SimulationError, match=r"raised .* between t = 0.0 s and "):
+        s.run(1.0)
+    assert s.steps == s.counts.steps[0]
+    with pytest.raises(simulation.SimulationError, match="has ended before: the drive raised"):
+        s.advance(1)
+
+
+class Untidy:
+    """Raises when it is collected, which is nobody's business but its own."""
+
+    def __init__(self):
+        self.itself = self
+
+    def __del__(self):
+        raise ValueError("not of a drive")
+
+
+@pytest.mark.parametrize("of_user", [True, False])
+def test_what_others_leave_for_the_hook_does_not_end_a_run(tmp_path, monkeypatch, of_user):
+    seen = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda what: seen.append(str(what.exc_value)))
+    source = DRIVE + "    if t < 0.0:\n        raise ValueError('boo')\n"
+    scene = driven(tmp_path, source) if of_user else tbsa.parse(SCENE)
+    s = Simulation(scene, threads=2)
+
+    def advance(*loads):
+        Untidy()
+        gc.collect()
+        return core(*loads)
+
+    core = s._advance
+    s._advance = advance
+    s.advance(3)
+    assert seen == ["not of a drive"]
+
+
+def test_a_thread_that_does_not_start_is_told_of(monkeypatch):
+    s = Simulation(tbsa.parse(SCENE), threads=2)
+
+    def start(_):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    with pytest.raises(RuntimeError, match="can't start new thread"):
+        s.advance(1)
+
+
+def test_the_tile_that_is_too_fast_for_its_neighbours_is_named():
+    scene = tbsa.parse('''
+[[tiles.type]]
+name = "tile"
+colour = "grey"
+glues = [0, 0, 0, 0]
+[[free.tile]]
+type = "tile"
+position = [0.0, 0.0]
+velocity = [90.0, 0.0]
+[[free.tile]]
+type = "tile"
+position = [0.2, 0.0]
+[[free.tile]]
+type = "tile"
+position = [500.0, 0.0]
+velocity = [400.0, 0.0]
+''')
+    with pytest.raises(simulation.SimulationError, match="a tile has 90 m/s at t = 0.0 s"):
+        Simulation(scene).advance(1)
 
 
 def test_a_drive_that_is_no_number_is_told_of_as_that(tmp_path):

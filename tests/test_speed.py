@@ -16,7 +16,7 @@ from tbsa.kernels import jit
 from tbsa.model.layout import initial_layout
 from tbsa.model.scene import load
 from tbsa.model.simulation import Simulation
-from tests.benchmarks import speed
+from tests.benchmarks import peers, speed
 from tests.benchmarks.accuracy import PAPER
 
 
@@ -124,6 +124,13 @@ def test_saved_results_are_printed_again(tmp_path, capsys):
     path.write_text(json.dumps({"version": "1.0", "rows": ROWS}))
     assert speed.main(["--saved", "--out", str(path)]) == 0
     assert capsys.readouterr().out == speed.tables(ROWS) + "\n"
+
+
+def test_without_a_name_the_newest_saved_results_are_printed(capsys):
+    assert speed.main(["--saved"]) == 0
+    assert "box2d" in capsys.readouterr().out
+    peers.main(["--saved", "snap-flush"])
+    assert "snap-flush" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("tiles", [550, 2200, 8800])

@@ -140,7 +140,7 @@ JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew.  A longer list is older and has more on it that is out of reach.
 PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 8.0, 0.35, 0.5
-MAGNET_STEPS, MAGNET_ROOM = 3.0, 0.03
+MAGNET_STEPS, MAGNET_ROOM = 1.0, 0.03
 # Up to one tile in so many that comes further than assumed has its rows added; for more, all rows
 # are found anew.
 FEW_TILES = 8

@@ -98,6 +98,7 @@ class Scratch(NamedTuple):
     most: np.ndarray  # J, energy that an island may have
     energy: np.ndarray
     mixed: np.ndarray
+    kept: np.ndarray  # float64[40], of a block whose row is placed again
     size: np.ndarray  # int64[2], rows and tiles that take part
 
 
@@ -105,8 +106,8 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "island"}
     parts = [np.zeros(8 * blocks, np.int64) for _ in range(2)]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[2:-1]])
-    return Scratch._make([*parts, np.zeros(2, np.int64)])
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[2:-2]])
+    return Scratch._make([*parts, np.zeros(5 * int(LANES)), np.zeros(2, np.int64)])
 
 
 @inline
@@ -182,8 +183,8 @@ def fly_on(r: np.ndarray, i: int, h: float) -> None:
 
 @inline
 def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: float,
-                v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
-                s: np.ndarray) -> int:
+                v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+                c: np.ndarray, s: np.ndarray) -> int:
     """Routh's impact at the one point of a row that hits.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
@@ -229,21 +230,39 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
         c[body_index], s[body_index] = cos_sin(angle[body_index])
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
-    place_again(rows, block, k, ii / im, threshold, v, x, y, c, s)
+    row = 8 * block + int(lane)
+    place_again(rows, row, k, ii / im, threshold, v, z, x, y, c, s)
     for body_index in (a, b):
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
-            if rows.of[p] // 8 != block:
-                place_again(rows, rows.of[p] // 8, k, ii / im, threshold, v, x, y, c, s)
+            if rows.of[p] != row:
+                place_again(rows, rows.of[p], k, ii / im, threshold, v, z, x, y, c, s)
     return ALONE
 
 
 @inline
-def place_again(rows: Rows, block: int, k: Numbers, per_mass: float, threshold: float, v: Bodies,
-                x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """The rows of a block from where its tiles are now, and what hits at their new velocities."""
+def place_again(rows: Rows, row: int, k: Numbers, per_mass: float, threshold: float, v: Bodies,
+                z: Scratch, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """A row from where its tiles are now, and whether it hits at their new velocities.
+
+    It is placed with its block, of whose other rows, far away perhaps, nothing has changed: what
+    hits there and what `fly_on` has let go stays so.
+    """
+    r, kept, block, lane = rows.field, z.kept, row // 8, U(row % 8)
+    first, n = U(block) * BLOCK, ZERO
+    for field in (HIT, WANT0, WANT1, BEND0, BEND1):
+        for i in range(LANES):
+            kept[n] = r[first + field + i]
+            n += 1
     place_block(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx, v.vy,
                 v.w)
     weigh_block(rows, block, k.h, per_mass, threshold)
+    n, rows.hits[block] = ZERO, 0
+    for field in (HIT, WANT0, WANT1, BEND0, BEND1):
+        for i in range(LANES):
+            r[first + field + i] = r[first + field + i] if i == lane else kept[n]
+            n += 1
+    for i in range(LANES):
+        rows.hits[block] += 1 if r[first + HIT + i] != 0.0 else 0
 
 
 @inline
@@ -418,8 +437,8 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                         other = company(rows, tile, row, time, k)
                         how = other if other != ALONE else how
                 if how == ALONE:
-                    how = lone_impact(rows, block, i, k, 1.0 / k.mass, 1.0 / k.inertia, v, x, y,
-                                      angle, c, s)
+                    how = lone_impact(rows, block, i, k, 1.0 / k.mass, 1.0 / k.inertia, v, z, x,
+                                      y, angle, c, s)
                     more += 1 if how == ALONE else 0
                 elif how == LATER and turn < ROUNDS - 1:
                     more += 1
@@ -507,5 +526,5 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                    + 0.7072 * k.width * abs(v.w[i]))
         if k.h * corners > SPARE * k.width:
             for p in range(rows.start[i], rows.start[i + 1]):
-                place_again(rows, rows.of[p] // 8, k, ii / im, k.threshold + ROUGH * k.tolerance,
-                            v, x, y, c, s)
+                place_again(rows, rows.of[p], k, ii / im, k.threshold + ROUGH * k.tolerance,
+                            v, z, x, y, c, s)

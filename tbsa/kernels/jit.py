@@ -15,6 +15,7 @@ import os
 import pickle
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ njit: Any = numba.njit  # its stubs know fewer options than it has
 # All that is kept on disk, by name, kernels and the drives in use: whether it was there when it
 # was first needed; None before.
 KERNELS: dict[str, bool | None] = {}
+_LOCK = threading.Lock()  # of Numba's one setting of where it is kept
 
 
 def source_hash(folder: Path = Path(__file__).parent) -> str:
@@ -64,16 +66,18 @@ def cache_folder() -> Path | None:
     base = os.environ.get("TBSA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     user = os.getuid() if hasattr(os, "getuid") else ""
     name = source_hash()
-    for root in (Path(base) if base else Path("~/.cache").expanduser(),
-                 Path(tempfile.gettempdir()) / f"tbsa-{user}"):
+    last = Path(tempfile.gettempdir()) / f"tbsa-{user}"
+    for root in (Path(base) if base else Path("~/.cache").expanduser(), last):
         folder = root / "tbsa" / name
         try:
             root.mkdir(mode=0o700, parents=True, exist_ok=True)
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
-            # What is loaded from there is run: it must not be somebody else's.
-            if user == "" or folder.stat().st_uid in (user, 0):
+            # What is loaded from there is run: it must not be somebody else's, nor in a folder of
+            # somebody else's where everybody writes.
+            mine = {folder.stat().st_uid, root.lstat().st_uid if root == last else user}
+            if user == "" or mine <= {user, 0}:
                 return folder
         except OSError:
             continue
@@ -132,11 +136,12 @@ def _cached(compiled: Any, function: Callable[..., Any]) -> Any:
     """Have what a dispatcher or callback compiles kept on disk."""
     KERNELS[function.__name__] = None
     if _folder() is not None:
-        before, config.CACHE_DIR = config.CACHE_DIR, _folder()
-        try:
-            compiled._cache = _Cache(function)
-        finally:
-            config.CACHE_DIR = before
+        with _LOCK:
+            before, config.CACHE_DIR = config.CACHE_DIR, _folder()
+            try:
+                compiled._cache = _Cache(function)
+            finally:
+                config.CACHE_DIR = before
     return compiled
 
 

@@ -20,6 +20,7 @@ in a tenth of the passes (`hasten`).
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -796,7 +797,7 @@ def hasten(rows: Rows, m: int, k: Numbers, per_mass: float, v: Bodies, tolerance
     now, queued = rows.now, rows.queued
     little = LITTLE * tolerance
     done, fresh = -1 - k.passes, True
-    age, before, beta = ZERO, 0.0, 0.0
+    age, before, beta = ZERO, math.inf, 0.0
     for j in range(size):
         set_past(rows.field, lane_of(now[j]))
     for p in range(PLAIN, k.passes):
@@ -817,7 +818,7 @@ def hasten(rows: Rows, m: int, k: Numbers, per_mass: float, v: Bodies, tolerance
         settled = worst <= tolerance and beta == 0.0
         age = age + 1 if onward >= 0.0 and square <= before else ZERO
         before = square
-        beta = age / (age + 3.0) if worst > tolerance and p + LAST_PLAIN < k.passes else 0.0
+        beta = age / (age + 3.0) if worst > tolerance and p + 1 + LAST_PLAIN < k.passes else 0.0
         fresh = beta == 0.0
         if whole and not fresh:
             go_on_blocks(rows, beta, per_mass, v)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import inspect
 import math
 import operator
@@ -12,6 +13,7 @@ import sys
 import threading
 import types
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,7 +41,8 @@ EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
 
 
 class SimulationError(RuntimeError):
-    """The state stopped being finite, or contacts outgrew their space: not to be trusted."""
+    """The state stopped being finite, contacts outgrew their space, or the drive raised: what the
+    simulation has come to is not to be trusted, and it does not go on."""
 
 
 def floor_limits(scene: Scene) -> tuple[float, float]:
@@ -170,6 +173,7 @@ class Simulation:
         self.counts = core.empty_counts()
         self._work = self._space()
         self._advance = core.advance
+        self._ended = ""  # why it cannot go on
 
     def _space(self) -> core.Work:
         n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
@@ -197,8 +201,9 @@ class Simulation:
         job = int(crew.job[0])
         try:
             for me in range(1, self._threads):
-                helpers.append(threading.Thread(target=core.help_out, args=(me, job, *loads)))
-                helpers[-1].start()
+                helper = threading.Thread(target=core.help_out, args=(me, job, *loads))
+                helper.start()
+                helpers.append(helper)
             yield
         finally:
             if helpers:
@@ -252,44 +257,48 @@ class Simulation:
             Where it is negative.
         SimulationError
             Where a position or velocity is no longer a finite number, a tile would go
-            further than half its width in a substep, or the user's drive raises.
+            further than half its width in a substep, or the user's drive raises; and in
+            every call after that.
         """
         left = operator.index(steps)
         if left < 0:
             raise InputError("must be a whole number from 0", field="steps", value=steps)
+        if self._ended:
+            raise SimulationError(f"has ended before: {self._ended}")
+        of_user = self.scene.drive is not None and self.scene.drive.kind == "user"
         while left > 0:
-            with _raised() as raised, self._helped():
+            begun = self.time
+            with _raised() if of_user else contextlib.nullcontext() as raised, self._helped():
                 error, done = self._advance(
                     self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
                     self.parameters, self._work, self.counts, self.steps, left, self._reach,
                 )
             if self._advance is core.advance:
                 self._advance = entry(core.advance)  # the types are the same in every call
-            if raised:
-                raise SimulationError(
-                    f"the drive raised {type(raised[0]).__name__} "
-                    f"({' '.join(str(raised[0]).split())}) between t = {self.time} s and "
-                    f"{self.time + left * self.h} s")
             self.steps += done
             left -= done
-            if error in self._capacity:
+            if error in self._capacity and not raised:
                 self._grow(error)
-            elif error == core.TOO_FAST:
-                speed = float(np.hypot(self.vx, self.vy).max())
-                raise SimulationError(
-                    f"a tile has {speed:.3g} m/s at t = {self.time} s and would go further than "
-                    f"half its width in a substep of {self.numbers.h:.3g} s; use shorter steps"
-                )
-            elif error == core.TOO_MANY:
-                raise SimulationError(
-                    f"at t = {self.time} s tiles come together so fast that pairs multiply within "
-                    f"a step of {self.h:.3g} s; use shorter steps"
-                )
-            elif error == core.NOT_FINITE:
-                raise SimulationError(
-                    f"positions or velocities stopped being finite before t = {self.time} s; "
-                    f"the load is too large for a substep of {self.numbers.h:.3g} s"
-                )
+            elif raised or error != core.OK:
+                self._ended = self._why(error, raised, begun)
+                raise SimulationError(self._ended)
+
+    def _why(self, error: int, raised: list[BaseException] | None, begun: float) -> str:
+        """Why a call of `advance` that began at this time (s) is the last one."""
+        if raised:
+            return (f"the drive raised {type(raised[0]).__name__} "
+                    f"({' '.join(str(raised[0]).split())}) between t = {begun} s and "
+                    f"{self.time} s")
+        if error == core.TOO_FAST:
+            near = np.diff(self._work.rows.start[: self.numbers.n + 1]) > 0
+            speed = float(np.hypot(self.vx, self.vy)[near].max())
+            return (f"a tile has {speed:.3g} m/s at t = {self.time} s and would go further than "
+                    f"half its width in a substep of {self.numbers.h:.3g} s; use shorter steps")
+        if error == core.TOO_MANY:
+            return (f"at t = {self.time} s tiles come together so fast that pairs multiply within "
+                    f"a step of {self.h:.3g} s; use shorter steps")
+        return (f"positions or velocities stopped being finite before t = {self.time} s; "
+                f"the load is too large for a substep of {self.numbers.h:.3g} s")
 
     def run(self, seconds: float) -> None:
         """Advance by a time (s), to the nearest step.
@@ -402,12 +411,8 @@ def _user_function(scene: Scene) -> Callable[..., None]:
     drive = scene.drive
     assert drive is not None
     path = engine_path(scene)
-    module = types.ModuleType(f"tbsa_drive_{path.stem}")
-    module.__file__ = str(path)
-    sys.modules[module.__name__] = module
     try:
-        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
-        function: Callable[..., None] = getattr(module, drive.function)
+        function = _function(path, path.read_bytes(), drive.function)
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise InputError(f"cannot be used as a drive: {reason}", file=scene.file,
@@ -415,6 +420,18 @@ def _user_function(scene: Scene) -> Callable[..., None]:
     if inspect.isgeneratorfunction(function):
         raise InputError("must be a function that returns, not one that yields", file=scene.file,
                          field="drive.function", value=drive.function)
+    return function
+
+
+@functools.cache
+def _function(path: Path, source: bytes, name: str) -> Callable[..., None]:
+    """A function of a module of this source; the same one each time, so that it is compiled once
+    a process."""
+    module = types.ModuleType(f"tbsa_drive_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
+    exec(compile(source, path, "exec"), module.__dict__)
+    function: Callable[..., None] = getattr(module, name)
     return function
 
 
@@ -429,7 +446,7 @@ class _Inside:
 
 def _note(what: Any) -> None:
     found: list[BaseException] | None = getattr(_Inside.here, "found", None)
-    if found is None:  # not of a drive
+    if found is None or not isinstance(what.object, str):  # not of a drive, which Numba names
         _Inside.hook(what)
     else:
         found.append(what.exc_value or what.exc_type())

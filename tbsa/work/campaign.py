@@ -415,12 +415,13 @@ def _session(out: Path, plan: list[Planned], mine: list[Planned], file: str, res
 def _alive(sessions: Path) -> Iterator[tuple[str, set[str]]]:
     """Who is at work, and on which runs."""
     for path in sorted(sessions.iterdir()):
-        try:
-            with locked(path, create=False):
-                path.unlink()
-        except Busy:
-            data = json.loads(path.read_text())
-            yield data["who"], set(data["runs"])
+        with contextlib.suppress(FileNotFoundError):  # it has just ended
+            try:
+                with locked(path, create=False):
+                    path.unlink()
+            except Busy:
+                data = json.loads(path.read_text())
+                yield data["who"], set(data["runs"])
 
 
 def _write_plan(out: Path, plan: list[Planned]) -> None:

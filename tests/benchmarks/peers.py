@@ -22,7 +22,6 @@ scenes are named, writes
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 import time
@@ -34,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-import tbsa
+from figures.pareto import newest
 from tbsa.model.layout import initial_layout
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import Simulation, floor_limits
@@ -431,8 +430,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Simulation(chosen[0].scene).advance(1)  # compiled before anything is timed
     rows: list[Row] = []
     lines = []
-    saved = json.loads((RESULTS / "peers.json").read_text())[tbsa.__version__] if (
-        arguments.saved) else []
+    saved = newest(RESULTS / "peers.json") if arguments.saved else []
     for each in chosen:
         if arguments.saved:
             mine = [row for row in saved if row["scene"] == each.name]

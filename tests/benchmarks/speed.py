@@ -47,6 +47,7 @@ from typing import Any
 import numpy as np
 
 import tbsa
+from figures.speed import newest
 from tbsa.model.layout import Layout
 from tbsa.model.records import write_atomically
 from tbsa.model.scene import Free, PlacedTile, Scene, Solver, fingerprint, load
@@ -569,11 +570,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--cache", type=Path, metavar="DIR",
                         default=Path(tempfile.gettempdir()) / "tbsa-evolved",
                         help="folder of the evolved states")
-    parser.add_argument("--out", type=Path, metavar="JSON",
-                        default=RESULTS / f"speed-{tbsa.__version__}.json")
+    parser.add_argument("--out", type=Path, metavar="JSON", help="(default: by this version)")
     parser.add_argument("--saved", action="store_true", help="the tables of the saved results")
     arguments = parser.parse_args(argv)
-    rows = saved(arguments.out)
+    out = arguments.out or (newest(RESULTS) if arguments.saved
+                            else RESULTS / f"speed-{tbsa.__version__}.json")
+    rows = saved(out)
     if not arguments.saved:
         measure = {"start": start_rows, "paper": paper_rows, "peers": peers_rows,
                    "without": without_rows, "deleted": deleted_rows, "sizes": sizes_rows,
@@ -584,8 +586,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             rows = [row for row in rows if row["part"] != part] + measure[part](arguments)
             rows.sort(key=lambda row: PARTS.index(row["part"]))
             lines = ",\n".join(map(json.dumps, rows))
-            write_atomically(arguments.out, (f'{{"version": "{tbsa.__version__}", "rows": [\n'
-                                             f"{lines}\n]}}\n").encode())
+            write_atomically(out, (f'{{"version": "{tbsa.__version__}", "rows": [\n'
+                                   f"{lines}\n]}}\n").encode())
             print(f"{part}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
     print(tables(rows))
     return 0
