@@ -371,6 +371,63 @@ def test_two_tiles_meet_as_they_would_if_nothing_else_were_in_the_world():
         assert np.abs(state(together)[:, :2] - state(alone)).max() < 1e-9
 
 
+def almost_flat(target, random, side, **solver):
+    """Velocities (m/s; the spin as that of a face) after a tile has hit a target at 0.5 m/s, all
+    but flat; `side` -1: all that in a mirror, seen in that mirror."""
+    tilt = 10 ** random.uniform(-4, -1) * random.choice([-1, 1])
+    x, y, across = random.uniform(0, 0.1 * WIDTH), *random.uniform(-0.1, 0.1, 2)
+    tiles = [tile(x, side * y * WIDTH, side * tilt, 0.5, side * across)]
+    wall = {"rectangle": Reactor("rectangle", width=0.2, height=0.2, friction=0.25, restitution=0.2),
+            "circle": Reactor("circle", 0.1, friction=0.25, restitution=0.2)}.get(target)
+    if wall is None:
+        tiles.append(tile(0.1, held=target == "held tile"))
+    s = simulate(tiles, body=material(friction=0.25, restitution=0.2), reactor=wall, **solver)
+    s.run(0.2)
+    return np.array([s.vx[0], side * s.vy[0], side * 0.5 * WIDTH * s.omega[0]])
+
+
+TARGETS = ["rectangle", "circle", "tile", "held tile"]
+
+
+@pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_an_impact_in_a_mirror_is_the_mirror_image_of_the_impact(target, solver):
+    """Tiles that come almost flat, one corner a little sooner than the other, whichever it is and
+    wherever in a substep."""
+    for seed in range(60):
+        there, mirrored = (almost_flat(target, np.random.default_rng(seed), side, **solver)
+                           for side in (1, -1))
+        assert mirrored == pytest.approx(there, abs=1e-6)
+
+
+@pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_corners_hit_one_after_the_other_however_long_the_substep(target, solver):
+    """As they do in substeps so short that only one of them can hit in each."""
+    for seed in range(25):
+        coarse, fine = (almost_flat(target, np.random.default_rng(seed), 1, **each) for each in
+                        (solver, {"step": 1 / 30720, "tolerance": 1e-9, "passes": 1000}))
+        assert coarse == pytest.approx(fine, abs=3e-3)
+
+
+@pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
+@pytest.mark.parametrize("e", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("mu", [0.0, 0.25])
+@pytest.mark.parametrize("way", [1, 1j, -1, -1j])
+@pytest.mark.parametrize("shape", ["rectangle", "circle"])
+def test_a_flat_hit_on_a_wall_gives_no_spin(shape, way, mu, e, solver):
+    wall = (Reactor("rectangle", width=0.4, height=0.4, friction=mu, restitution=e)
+            if shape == "rectangle" else Reactor("circle", 0.2, friction=mu, restitution=e))
+    v = 0.5 * way
+    s = simulate([tile(vx=v.real, vy=v.imag)], body=material(friction=mu, restitution=e),
+                 reactor=wall, **solver)
+    s.run(0.45)
+    assert abs(s.omega[0]) < 1e-3
+    # On a round wall friction and restitution of the two corners are not those of a face.
+    assert dot(s.vx[0] + 1j * s.vy[0], way) == pytest.approx(-0.5 * e, abs=1e-5 if (
+        shape == "rectangle" or mu == 0.0 or e == 0.0) else 1e-3)
+
+
 @pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
 @pytest.mark.parametrize("speed", [0.3, 1.0])
 def test_a_gas_of_smooth_elastic_tiles_keeps_its_energy(solver, speed):

@@ -74,12 +74,13 @@ TOUCHING = 1e-3
 FLUSH = 1e-6
 # Error of a gap for each metre of where its tiles are: some units in the last place.
 ROUNDING = 2e-15
-# How a point that is about to hit meets the other body.
-TOGETHER, ALONE, LATER = 0, 1, 2
+# How a point that is about to hit meets the other body: what is more, holds.
+ALONE, TOGETHER, LATER = 0, 1, 2
 # Hits of one tile at times that differ by less than this part of the substep are one.
 SAME = 1e-3
-# A solve of many impacts leaves up to so many tolerances.
-ROUGH = 10.0
+# A solve of impacts leaves up to so many tolerances; among what hits, this part of the fastest
+# approach.
+ROUGH, FINE = 10.0, 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 ROUNDS = 8
 
@@ -111,6 +112,16 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
 
 
 @inline
+def hit_times(r: np.ndarray, i: int) -> Any:
+    """When the points of the row in lane i hit, its tiles going straight (s from now); infinite
+    for a point that does not."""
+    hit = r[i + HIT]
+    first = max(r[i + GAP0], 0.0) / -r[i + VN0] if hit == 1.0 or hit == 3.0 else math.inf
+    second = max(r[i + GAP1], 0.0) / -r[i + VN1] if hit >= 2.0 else math.inf
+    return first, second
+
+
+@inline
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray) -> Any:
     """When and where the point of a row that hits closes its gap, both bodies flying on.
@@ -124,7 +135,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
     a, b = U(body[t]), U(body[t + LANES])
     wall = b == U(k.n)
     vx, vy, w = v.vx, v.vy, v.w
-    second = r[i + HIT] == 2.0
+    first, other = hit_times(r, i)
+    second = other < first
     gap, vn = (r[i + GAP1], r[i + VN1]) if second else (r[i + GAP0], r[i + VN0])
     time, before, after = max(gap, 0.0) / -vn, 0.0, 2.0 * k.h
     for _ in range(40):
@@ -194,7 +206,8 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
-    if r[i + HIT] == 3.0:
+    first, second = hit_times(r, i)
+    if abs(first - second) <= SAME * k.h:
         return TOGETHER
     how, time, nx, ny, an, bn, at, bt = meeting(rows, block, lane, k, v, x, y, angle)
     if how == LATER:
@@ -285,10 +298,13 @@ def enter(rows: Rows, q: int, h: float, mobile: np.ndarray, v: Bodies, z: Scratc
 
 
 @inline
-def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size: int) -> None:
+def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size: int,
+           fine: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
-    What ten times the tolerance leaves is closed by the contact solve that follows.
+    Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
+    order of the rows, would turn tiles that hit a wall flat; beyond, ROUGH tolerances are closed by
+    the contact solve that follows.
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known = v.mobile, z.known
@@ -298,7 +314,8 @@ def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size:
         for j in range(size):
             q = now[j]
             known[q] = 1
-            if solve_row(rows, q, per_mass, v) <= rough:
+            change = solve_row(rows, q, per_mass, v)
+            if change <= fine:
                 continue
             t = U(q // 8) * BODIES + U(q % 8)
             for tile in (body[t], body[t + LANES]):
@@ -308,6 +325,8 @@ def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size:
                     other = of[p]
                     i = lane_of(other)
                     if known[other] == 2 or r[i + COUNT] == 0.0:
+                        continue
+                    if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
                         continue
                     if known[other] == 0 and min(r[i + GAP0], r[i + GAP1]) > near:
                         continue  # what is thrown at it hits it in the next round
@@ -381,16 +400,6 @@ def note_energy(k: Numbers, vx: np.ndarray, vy: np.ndarray, w: np.ndarray, z: Sc
 
 
 @inline
-def hit_times(r: np.ndarray, i: int) -> Any:
-    """When the points of the row in lane i hit, its tiles going straight (s from now); infinite
-    for a point that does not."""
-    hit = r[i + HIT]
-    first = max(r[i + GAP0], 0.0) / -r[i + VN0] if hit == 1.0 or hit == 3.0 else math.inf
-    second = max(r[i + GAP1], 0.0) / -r[i + VN1] if hit >= 2.0 else math.inf
-    return first, second
-
-
-@inline
 def company(rows: Rows, tile: int, row: int, time: float, k: Numbers) -> int:
     """What else a tile meets whose `row` hits after this time: ALONE nothing, before; TOGETHER
     what it touches and does not leave, or hits at the same time; LATER, as it hits something else
@@ -401,13 +410,13 @@ def company(rows: Rows, tile: int, row: int, time: float, k: Numbers) -> int:
         if rows.of[p] == row or r[i + COUNT] == 0.0:
             continue
         sooner = min(hit_times(r, i)) - time
+        if sooner < -SAME * k.h:
+            return LATER
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > k.threshold
                   and (r[i + COUNT] == 1.0 or r[i + VN1] > k.threshold))
-        if abs(sooner) <= SAME * k.h or (
-                min(r[i + GAP0], r[i + GAP1]) < near and not leaves):
-            return TOGETHER
-        if sooner < 0.0:
-            how = LATER
+        touches = sooner == math.inf and min(r[i + GAP0], r[i + GAP1]) < near
+        if sooner <= SAME * k.h or (touches and not leaves):
+            how = TOGETHER
     return how
 
 
@@ -433,9 +442,8 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                 row, how = 8 * block + int(i), ALONE
                 time = min(hit_times(r, o + i))
                 for tile in (body[t + i], body[t + LANES + i]):
-                    if mobile[tile] != 0.0 and how != TOGETHER:
-                        other = company(rows, tile, row, time, k)
-                        how = other if other != ALONE else how
+                    if mobile[tile] != 0.0:
+                        how = max(how, company(rows, tile, row, time, k))
                 if how == ALONE:
                     how = lone_impact(rows, block, i, k, 1.0 / k.mass, 1.0 / k.inertia, v, z, x,
                                       y, angle, c, s)
@@ -460,12 +468,16 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     im, ii = 1.0 / k.mass, 1.0 / k.inertia
     r, body, mobile = rows.field, rows.body, v.mobile
     set_all(z.size, ZERO)
+    fastest = 0.0
     for j in range(size):
+        at = lane_of(rows.now[j])
+        fastest = max(fastest, -min(r[at + VN0], r[at + VN1]))
         enter(rows, rows.now[j], k.h, mobile, v, z)
         z.known[rows.now[j]] = 2
+    fine = min(ROUGH * k.tolerance, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, ii / im, v, z, size)
+    settle(rows, k, ii / im, v, z, size, fine)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -497,7 +509,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, ii / im, v, z, size)
+        settle(rows, k, ii / im, v, z, size, fine)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
