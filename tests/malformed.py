@@ -263,6 +263,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "drive.frequency", "-1.0 must be a number from 0 to 10000 Hz"),
     ("a drive faster than forces are found", GOOD + '[drive]\nkind = "shaking"\nforce = 0.1\n'
      "frequency = 960\n", "drive.frequency", "960.0 must be at most 120 Hz"),
+    ("damping that is faster than forces are found", GOOD + "[material]\nlinear_damping = 1000\n",
+     "material.linear_damping", "1000.0 must be at most 480 1/s"),
     ("a drive of one's own without a module", GOOD + '[drive]\nkind = "user"\nfunction = "f"\n',
      "drive.module", "is missing"),
     ("a module that is not there", GOOD + '[drive]\nkind = "user"\nmodule = "missing.py"\n'

@@ -529,6 +529,83 @@ def test_what_others_leave_for_the_hook_does_not_end_a_run(tmp_path, monkeypatch
     assert seen == ["not of a drive"]
 
 
+def test_an_interrupted_call_leaves_time_and_state_together(monkeypatch):
+    s, whole = (Simulation(tbsa.parse(SCENE)) for _ in range(2))
+    core = s._advance
+
+    def advance(*loads):
+        core(*loads)
+        raise KeyboardInterrupt
+
+    s._advance = advance
+    with pytest.raises(KeyboardInterrupt):
+        s.advance(7)
+    assert (s.steps, s.counts.steps[0]) == (7, 7)
+    s._advance = core
+    s.advance(3)
+    whole.advance(10)
+    assert np.array_equal(s.x, whole.x)
+
+
+def test_an_interrupt_is_not_kept_waiting_for_all_steps(monkeypatch):
+    monkeypatch.setattr(simulation, "PART", 100)
+    s, whole = (Simulation(tbsa.parse(SCENE)) for _ in range(2))
+    core, parts = s._advance, []
+
+    def advance(*loads):
+        parts.append(loads[10])
+        return core(*loads)
+
+    s._advance = advance
+    s.advance(10)
+    assert parts == [3, 3, 3, 1]  # of 31 tiles
+    monkeypatch.undo()
+    whole.advance(10)
+    assert np.array_equal(s.x, whole.x)
+
+
+def test_short_calls_come_to_the_same_time_as_a_long_one():
+    s, whole = (Simulation(tbsa.parse(SCENE)) for _ in range(2))
+    for _ in range(1000):
+        s.run(1e-3)
+    whole.run(1.0)
+    assert s.time == whole.time == 1.0
+    assert np.array_equal(s.x, whole.x)
+
+
+def test_a_drive_may_give_held_tiles_what_is_no_number(tmp_path):
+    """As a force towards the origin does where a tile of the seed is."""
+    source = DRIVE.replace("fx[i] += p[0] * family[i]",
+                           "fx[i] -= p[0] * x[i] / (x[i] * x[i] + y[i] * y[i]) ** 0.5")
+    s = Simulation(driven(tmp_path, source))
+    s.run(0.2)
+    assert (s.x[s.layout.held] == s.layout.x[s.layout.held]).all()
+    assert np.isfinite(s.x).all()
+
+
+def test_a_drive_is_not_refused_for_its_name(tmp_path):
+    source = DRIVE.replace("push", "random_state")
+    Simulation(driven(tmp_path, source, function="random_state")).advance(1)
+    with pytest.raises(InputError, match="must not use random numbers"):
+        Simulation(driven(tmp_path, "import random\n" + DRIVE + "    fx[0] += random.random()\n"))
+
+
+@pytest.mark.parametrize(("name", "change", "words"), [
+    ("y", lambda y: y[:1], "must be an array of 31 numbers"),
+    ("type", lambda t: t[:1], "must be an array of 31 whole numbers"),
+    ("type", lambda t: t + 5, "must be from 0 to 1, of the scene's types"),
+    ("type", lambda t: t - 1, "must be from 0 to 1, of the scene's types"),
+    ("held", lambda held: held[:1], "must be an array of 31 truth values"),
+    ("angle", lambda angle: list(angle), "must be an array of 31 numbers"),
+    ("vx", lambda vx: vx + np.nan, "must be finite numbers")])
+def test_a_layout_that_does_not_fit_is_refused(name, change, words):
+    scene = tbsa.parse(SCENE)
+    layout = Simulation(scene).layout
+    wrong = replace(layout, **{name: change(getattr(layout, name))})
+    with pytest.raises(InputError, match=rf"^layout\.{name}: .*{words}"):
+        Simulation(scene, wrong)
+
+
 def test_a_thread_that_does_not_start_is_told_of(monkeypatch):
     s = Simulation(tbsa.parse(SCENE), threads=2)
 

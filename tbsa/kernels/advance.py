@@ -138,9 +138,10 @@ TICKS = 8
 JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
-# its pairs are found anew.  A longer list is older and has more on it that is out of reach.
+# its pairs are found anew; a fast one fewer, no further than this (widths), but a step for magnets.
+# A longer list is older and has more on it that is out of reach.
 PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 8.0, 0.35, 0.5
-MAGNET_STEPS, MAGNET_ROOM = 1.0, 0.03
+MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 3.0, 0.03, 0.1
 # Up to one tile in so many that comes further than assumed has its rows added; for more, all rows
 # are found anew.
 FEW_TILES = 8
@@ -250,9 +251,10 @@ def kick(k: Numbers, h: float, fx: np.ndarray, fy: np.ndarray, torque: np.ndarra
         startx[i], starty[i], startw[i] = vx[i], vy[i], w[i]
         floorx[i] = floory[i] = floort[i] = 0.0
     for i in range(first, last):
-        vx[i] += mobile[i] * fm * fx[i]
-        vy[i] += mobile[i] * fm * fy[i]
-        w[i] += mobile[i] * fi * torque[i]
+        free = mobile[i] != 0.0  # of held tiles a drive may make what is no number
+        vx[i] += fm * fx[i] if free else 0.0
+        vy[i] += fm * fy[i] if free else 0.0
+        w[i] += fi * torque[i] if free else 0.0
         kx[i], ky[i], kw[i] = vx[i], vy[i], w[i]
 
 
@@ -371,9 +373,10 @@ def assume(k: Numbers, h: float, everyone: bool, x: np.ndarray, y: np.ndarray,
         y0[i] = y[i] if anew else y0[i]
         angle0[i] = angle[i] if anew else angle0[i]
         pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
-        gain = mobile[i] * fm * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i])
+        free = mobile[i] != 0.0
+        gain = fm * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i]) if free else 0.0
         centre = h * (pace + gain) + more
-        corners = centre + h * corner * abs(w[i]) + h * mobile[i] * fi * abs(torque[i])
+        corners = centre + h * corner * abs(w[i]) + (h * fi * abs(torque[i]) if free else 0.0)
         way[i] = centre if anew else way[i]
         far[i] = corners if anew else far[i]
 
@@ -504,10 +507,11 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
             and not magnets_stale(near, k.n, law.offset, x, y, angle, need, turning)):
         return OK
     if ahead > 0:
-        more, time = MAGNET_ROOM * k.width, MAGNET_STEPS * k.substeps * k.h
+        more, most, time = MAGNET_ROOM * k.width, MAGNET_MOST * k.width, k.substeps * k.h
         for i in range(U(k.n)):
-            need[i] += more + time * pace[i]
-            turning[i] += more + time * speed[i]
+            centre, corners = time * pace[i], time * speed[i]
+            need[i] += more + max(centre, min(MAGNET_STEPS * centre, most))
+            turning[i] += more + max(corners, min(MAGNET_STEPS * corners, most))
     error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
     if error != OK:
         return int(error)

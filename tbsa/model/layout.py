@@ -20,6 +20,9 @@ CROWD = 4096
 memory, 100,000 tiles took twice as long a step."""
 
 
+KINDS_OF = {"fiu": "numbers", "iu": "whole numbers", "b": "truth values"}
+
+
 @dataclass(frozen=True)
 class Layout:
     """All tiles of a scene at time zero; the arrays have one entry a tile.
@@ -37,6 +40,33 @@ class Layout:
     type: Integers  # index into scene.types
     held: NDArray[np.bool_]  # never moves
     seed: NDArray[np.bool_]  # belongs to the seed
+
+
+def check(layout: Layout, scene: Scene) -> None:
+    """That the arrays of a layout belong together, and to a scene.
+
+    Raises
+    ------
+    InputError
+        Where one has another length or kind, a place or velocity is not finite, or a type is none
+        of the scene's.
+    """
+    n = np.size(layout.x)
+    for name in (each.name for each in fields(Layout)):
+        values = getattr(layout, name)
+        kinds = {"type": "iu", "held": "b", "seed": "b"}.get(name, "fiu")
+        if not (isinstance(values, np.ndarray) and values.shape == (n,)
+                and values.dtype.kind in kinds):
+            raise InputError(f"must be an array of {n} {KINDS_OF[kinds]}", field=f"layout.{name}",
+                             value=f"{getattr(values, 'dtype', type(values).__name__)} of shape "
+                                   f"{np.shape(values)}")
+        if "f" in kinds and not np.isfinite(values).all():
+            raise InputError("must be finite numbers", field=f"layout.{name}",
+                             value=values[~np.isfinite(values)][0])
+    wrong = (layout.type < 0) | (layout.type >= len(scene.types))
+    if wrong.any():
+        raise InputError(f"must be from 0 to {len(scene.types) - 1}, of the scene's types",
+                         field="layout.type", value=layout.type[wrong][0])
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

@@ -548,6 +548,7 @@ def _check_bonds(scene: Scene, magnet: Magnet) -> None:
 
 SAMPLES = 8  # of a drive, at least, in a period
 SHORTEST = 1e-9  # s, step
+DAMPED = 0.5  # how often a velocity falls to a part 1/e, at most, from force to force: 1 % of error
 
 
 def between_forces(scene: Scene) -> float:
@@ -572,6 +573,12 @@ def _check_times(scene: Scene) -> None:
         number = round(value / part)
         if number < 1 or abs(number * part - value) > 1e-9 * value:
             _fail(scene, name, value, f"must be a whole multiple of {unit} = {part!r} s")
+    for name in ("linear_damping", "angular_damping"):
+        value = getattr(scene.material, name)
+        if value * between_forces(scene) > DAMPED:
+            _fail(scene, f"material.{name}", value,
+                  f"must be at most {DAMPED / between_forces(scene):g} 1/s, as forces are found "
+                  f"every {between_forces(scene):.3g} s; use a shorter solver.step")
     if drive is not None and drive.kind in ("unicycle", "shaking"):
         most = 1.0 / (SAMPLES * between_forces(scene))
         if drive.frequency > most * (1.0 + 1e-9):

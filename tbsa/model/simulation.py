@@ -31,10 +31,12 @@ from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
-from tbsa.model.layout import Layout, initial_layout
+from tbsa.model.layout import Layout, check, initial_layout
 from tbsa.model.scene import Scene, engine_path
 
 Floats = NDArray[np.float64]
+
+PART = 1_000_000  # steps times tiles, done in one call of the kernels: what Ctrl-C waits for
 
 # Edge -> angle from the tile's +x to it.
 EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
@@ -81,8 +83,8 @@ class Simulation:
     layout
         Where the tiles start; by default that of the scene and its seed of random numbers.
     threads
-        Threads that share the work, which pays from some thousands of tiles on; no more than
-        there are cores.  They do not change a bit of what comes out.
+        Threads that share the work, which pays from some thousands of tiles on; more than there
+        are cores wait for each other.  They do not change a bit of what comes out.
 
     Attributes
     ----------
@@ -105,11 +107,13 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, layout: Layout | None = None, *, threads: int = 1) -> None:
-        if threads < 1:
-            raise InputError("must be at least 1", field="threads", value=threads)
+        if not isinstance(threads, int) or threads < 1:
+            raise InputError("must be a whole number, at least 1", field="threads", value=threads)
         scene.validate()
         self._threads = 1 if config.DISABLE_JIT else threads  # interpreted ones go by turns
         self.scene = scene
+        if layout is not None:
+            check(layout, scene)
         self.layout = layout = initial_layout(scene) if layout is None else layout
         n = layout.x.size
         body, magnet, wall = scene.material, scene.magnet, scene.reactor
@@ -174,6 +178,7 @@ class Simulation:
         self._work = self._space()
         self._advance = core.advance
         self._ended = ""  # why it cannot go on
+        self._rest = 0.0  # s, by which calls of `run` have come short
 
     def _space(self) -> core.Work:
         n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
@@ -267,15 +272,18 @@ class Simulation:
             raise SimulationError(f"has ended before: {self._ended}")
         of_user = self.scene.drive is not None and self.scene.drive.kind == "user"
         while left > 0:
-            begun = self.time
-            with _raised() if of_user else contextlib.nullcontext() as raised, self._helped():
-                error, done = self._advance(
-                    self.state, self.tiles, self.numbers, self.magnets, self.floor, self.engine,
-                    self.parameters, self._work, self.counts, self.steps, left, self._reach,
-                )
+            begun, before = self.time, int(self.counts.steps[0])
+            part = min(left, max(PART // self.numbers.n, 1))
+            try:
+                with _raised() if of_user else contextlib.nullcontext() as raised, self._helped():
+                    error, done = self._advance(
+                        self.state, self.tiles, self.numbers, self.magnets, self.floor,
+                        self.engine, self.parameters, self._work, self.counts, self.steps, part,
+                        self._reach)
+            finally:  # also when it is interrupted
+                self.steps += int(self.counts.steps[0]) - before
             if self._advance is core.advance:
                 self._advance = entry(core.advance)  # the types are the same in every call
-            self.steps += done
             left -= done
             if error in self._capacity and not raised:
                 self._grow(error)
@@ -297,11 +305,14 @@ class Simulation:
         if error == core.TOO_MANY:
             return (f"at t = {self.time} s tiles come together so fast that pairs multiply within "
                     f"a step of {self.h:.3g} s; use shorter steps")
+        drive = self.scene.drive
+        whose = " or what the drive gives is no number" * (
+            drive is not None and drive.kind == "user")
         return (f"positions or velocities stopped being finite before t = {self.time} s; "
-                f"the load is too large for a substep of {self.numbers.h:.3g} s")
+                f"the load is too large for a substep of {self.numbers.h:.3g} s{whose}")
 
     def run(self, seconds: float) -> None:
-        """Advance by a time (s), to the nearest step.
+        """Advance by a time (s), to the nearest step; what that leaves, the next call adds.
 
         Raises
         ------
@@ -310,7 +321,9 @@ class Simulation:
         """
         if not 0.0 <= seconds < math.inf:
             raise InputError("must be a number from 0 s", field="seconds", value=seconds)
-        self.advance(round(seconds / self.h))
+        steps = round((seconds + self._rest) / self.h)
+        self._rest += seconds - steps * self.h
+        self.advance(steps)
 
     def _grow(self, what: int) -> None:
         """Twice the space for what an error word of `advance` says there is not enough of."""
@@ -345,6 +358,9 @@ class Simulation:
 
     def contact_forces(self) -> dict[str, NDArray[Any]]:
         """Contact forces of the last substep, one entry a manifold that carries any.
+
+        What rests, slides or is pressed has them; an impact has an impulse and no force, and is
+        not among them.
 
         Returns
         -------
