@@ -156,7 +156,7 @@ def test_bench_itself_refuses_a_bad_horizon():
 
 def test_the_order_is_the_slope_between_a_120th_and_a_960th_of_a_second():
     steps = [1 / n for n in (60, 120, 240, 480, 960, 1920)]
-    rows = [{"substep": h, "errors": {"e": 3.0 * h**1.5 if 1 / 961 < h < 1 / 119 else 1.0}}
+    rows = [{"step": h, "errors": {"e": 3.0 * h**1.5 if 1 / 961 < h < 1 / 119 else 1.0}}
             for h in steps]
     assert accuracy.order(rows, "e") == pytest.approx(1.5)
     assert math.isnan(accuracy.order(rows[:1], "e"))

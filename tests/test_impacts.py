@@ -377,9 +377,12 @@ def almost_flat(target, random, side, **solver):
     tilt = 10 ** random.uniform(-4, -1) * random.choice([-1, 1])
     x, y, across = random.uniform(0, 0.1 * WIDTH), *random.uniform(-0.1, 0.1, 2)
     tiles = [tile(x, side * y * WIDTH, side * tilt, 0.5, side * across)]
-    wall = {"rectangle": Reactor("rectangle", width=0.2, height=0.2, friction=0.25, restitution=0.2),
-            "circle": Reactor("circle", 0.1, friction=0.25, restitution=0.2)}.get(target)
-    if wall is None:
+    wall = None
+    if target == "rectangle":
+        wall = Reactor("rectangle", width=0.2, height=0.2, friction=0.25, restitution=0.2)
+    elif target == "circle":
+        wall = Reactor("circle", 0.1, friction=0.25, restitution=0.2)
+    else:
         tiles.append(tile(0.1, held=target == "held tile"))
     s = simulate(tiles, body=material(friction=0.25, restitution=0.2), reactor=wall, **solver)
     s.run(0.2)

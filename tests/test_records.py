@@ -635,7 +635,7 @@ type = "tile"
 position = [500.0, 0.0]
 velocity = [400.0, 0.0]
 ''')
-    with pytest.raises(simulation.SimulationError, match="a tile has 90 m/s at t = 0.0 s"):
+    with pytest.raises(simulation.SimulationError, match=r"a tile has 90 m/s at t = 0\.0 s"):
         Simulation(scene).advance(1)
 
 

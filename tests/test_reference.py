@@ -1,4 +1,4 @@
-"""The reference scenes against their truths, at a substep of 1/480 s and default settings.
+"""The reference scenes against their truths, at a step of 1/480 s and default settings.
 
 Scenes, truths and targets are in ``tests/benchmarks/scenes.py``.
 """
@@ -51,7 +51,7 @@ def test_a_reference_scene_is_within_its_target(reference, quantity, errors):
 def test_free_flight_is_of_second_order(reference):
     """Slope of log error over log step between 1/120 and 1/960 s is at least 1.9."""
     steps = [1 / n for n in (120, 240, 480, 960)]
-    found = [{"substep": h, "errors": reference.measure(Simulation, at_step(reference.scene, h))}
+    found = [{"step": h, "errors": reference.measure(Simulation, at_step(reference.scene, h))}
              for h in steps]
     assert order(found, reference.quantity) >= 1.9
 

@@ -1,17 +1,16 @@
 """Many steps without coming back to Python.
 
-One step of length H, of second order in free flight:
+One step of length H, of second order in free flight, has two halves (one part, where the number of
+substeps is odd), each of length P:
 
-    lists   near pairs of magnets (kept while nobody has moved too far)
-    forces  of its first half
+    lists   near pairs of magnets, for the middle of the half (kept while nobody has moved too far)
+    forces  magnets and drive, at x + P/2 v: the middle of the half
+
+after the forces of the first half, once a step:
+
     lists   near pairs of tiles, likewise
     rows    which tiles may touch in this step, at their speeds and under these forces; and in
             its middle what a tile may touch besides that is hit and will come further
-
-two halves of it (one part, where the number of substeps is odd), each of length P:
-
-    lists   near pairs of magnets, for the middle of the half
-    forces  magnets and drive, at x + P/2 v: the middle of the half
 
 and the substeps of a half, of length h:
 
@@ -87,7 +86,7 @@ from tbsa.kernels.crew import (
     store,
     wait_for,
 )
-from tbsa.kernels.floor import EXACT
+from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
 from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
@@ -108,7 +107,6 @@ from tbsa.kernels.solver import (
     LITTLE,
     SLOP,
     Bodies,
-    FloorLaw,
     Numbers,
     apply_blocks,
     apply_impulses,

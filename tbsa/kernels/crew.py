@@ -37,7 +37,7 @@ class Crew(NamedTuple):
     job: np.ndarray  # int64[1], number of the job that was given out last
     done: np.ndarray  # int64[size * LINE], number of the job that each has done, or 0 has given
     what: np.ndarray  # int64[3], what it is, and its range
-    numbers: np.ndarray  # float64[4], of this substep: length, look-ahead (s), damping factors
+    numbers: np.ndarray  # float64[4], what it needs to know, such as the length of the substep (s)
     found: np.ndarray  # int64[size * LINE], what each has found: points that hit, rows, pairs
     deepest: np.ndarray  # float64[size * LINE], m, overlap, likewise
 

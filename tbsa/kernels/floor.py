@@ -23,7 +23,7 @@ Bounds are finite and not negative.  Either may be zero; for ``EXACT`` that mean
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,14 @@ FAR = 256.0
 # 3 to 5 are usual.
 RESIDUAL = 1e-11
 STEPS = 40
+
+
+class FloorLaw(NamedTuple):
+    """Numbers of the floor; `law` 0 where the scene has no floor friction."""
+
+    law: int  # 1 separate, 2 coupled, 3 exact; see the module's text
+    force: float  # N, F_max
+    torque: float  # N m, T_max
 
 
 @inline
@@ -310,3 +318,46 @@ def _exact(sx: float, sy: float, sw: float, vx: float, vy: float, w: float, m: f
             part = min(1.0, max(0.0, work / ((hx * hx + hy * hy) / m1 + hw * hw / i1)))
             hx, hy, hw = part * hx, part * hy, part * hw
     return -R * (cos * hx - sin * hy), -R * (sin * hx + cos * hy), -R * width * hw
+
+
+# What the solve does with a tile: `p` is its impulse so far, in the velocities that are given; what
+# is returned are both anew.
+
+
+@lane
+def separate(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
+             px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
+             bound: float, turn: float) -> Any:
+    """Floor impulse of a tile anew, and its velocity with it, under the law `SEPARATE`.
+
+    A tile that the floor stops is at rest exactly, not to rounding.
+    """
+    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
+    px, py, stops = disc(startx, starty, tx, ty, mass, bound)
+    pw, halts = interval(startw, tw, inertia, turn)
+    ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
+    return px, py, pw, ux, uy, (0.0 if halts else tw + ii * pw)
+
+
+@lane
+def coupled(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
+            px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
+            bound: float, turn: float) -> Any:
+    """The same under the law `COUPLED`."""
+    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
+    px, py, pw, stops = ellipsoid(startx, starty, startw, tx, ty, tw, mass, inertia, bound, turn)
+    return (px, py, pw, 0.0 if stops else tx + im * px, 0.0 if stops else ty + im * py,
+            0.0 if stops else tw + ii * pw)
+
+
+@inline
+def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: float, px: float,
+          py: float, pw: float, im: float, ii: float, mass: float, inertia: float, bound: float,
+          turn: float, c: float, s: float) -> Any:
+    """The same under the law `EXACT`."""
+    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
+    px, py, pw = _exact(startx + tx, starty + ty, startw + tw, tx, ty, tw, mass, inertia, bound,
+                        turn, c, s)
+    stopped = px == -mass * tx and py == -mass * ty
+    ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
+    return px, py, pw, ux, uy, (0.0 if pw == -inertia * tw else tw + ii * pw)

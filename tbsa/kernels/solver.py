@@ -92,15 +92,7 @@ from tbsa.kernels.crew import (
     collect,
     give,
 )
-from tbsa.kernels.floor import (
-    COUPLED,
-    EXACT,
-    SEPARATE,
-    disc,
-    ellipsoid,
-    floor_impulse,
-    interval,
-)
+from tbsa.kernels.floor import COUPLED, SEPARATE, FloorLaw, coupled, exact, separate
 from tbsa.kernels.jit import ZERO, U, apart, inline, lane
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
@@ -151,14 +143,6 @@ class Numbers(NamedTuple):
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
     wall_y: float  # m, half the height
-
-
-class FloorLaw(NamedTuple):
-    """Numbers of the floor; `law` 0 where the scene has no floor friction."""
-
-    law: int  # 1 separate, 2 coupled, 3 exact; see floor.py
-    force: float  # N, F_max
-    torque: float  # N m, T_max
 
 
 class Bodies(NamedTuple):
@@ -435,45 +419,6 @@ def sweep_alone(rows: Rows, per_mass: float, v: Bodies) -> None:
     """Solve the rows that are alone in their blocks."""
     for block in range(rows.first[ALONE], rows.first[COLOURS]):
         solve_row(rows, 8 * block, per_mass, v)
-
-
-@lane
-def separate(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
-             px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
-             bound: float, turn: float) -> Any:
-    """Floor impulse of a tile anew, and its velocity with it, under the law `SEPARATE`.
-
-    A tile that the floor stops is at rest exactly, not to rounding.
-    """
-    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, stops = disc(startx, starty, tx, ty, mass, bound)
-    pw, halts = interval(startw, tw, inertia, turn)
-    ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
-    return px, py, pw, ux, uy, (0.0 if halts else tw + ii * pw)
-
-
-@lane
-def coupled(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
-            px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
-            bound: float, turn: float) -> Any:
-    """The same under the law `COUPLED`."""
-    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, pw, stops = ellipsoid(startx, starty, startw, tx, ty, tw, mass, inertia, bound, turn)
-    return (px, py, pw, 0.0 if stops else tx + im * px, 0.0 if stops else ty + im * py,
-            0.0 if stops else tw + ii * pw)
-
-
-@inline
-def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: float, px: float,
-          py: float, pw: float, im: float, ii: float, mass: float, inertia: float, bound: float,
-          turn: float, c: float, s: float) -> Any:
-    """The same under the law `EXACT`."""
-    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, pw = floor_impulse(EXACT, startx, starty, startw, tx, ty, tw, mass, inertia, bound,
-                               turn, c, s)
-    stopped = px == -mass * tx and py == -mass * ty
-    ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
-    return px, py, pw, ux, uy, (0.0 if pw == -inertia * tw else tw + ii * pw)
 
 
 @inline

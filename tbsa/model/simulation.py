@@ -25,12 +25,12 @@ from tbsa.kernels import drives
 from tbsa.kernels.arrays import columns
 from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
 from tbsa.kernels.crew import empty_crew
-from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE
+from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE, FloorLaw
 from tbsa.kernels.impacts import empty_scratch
 from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
-from tbsa.kernels.solver import FloorLaw, Numbers, empty_bodies
+from tbsa.kernels.solver import Numbers, empty_bodies
 from tbsa.model.layout import Layout, check, initial_layout
 from tbsa.model.scene import Scene, engine_path
 

@@ -104,15 +104,14 @@ def sweep(reference: Reference) -> list[Row]:
         cases += [(TARGET, 4, tolerance, 1000) for tolerance in TOLERANCES[1:4]]
     rows = []
     for h, substeps, tolerance, passes in cases:
-        scene = at_step(reference.scene, h, tolerance=tolerance, passes=passes)
-        scene = replace(scene, solver=replace(scene.solver, step=h, substeps=substeps))
+        scene = at_step(reference.scene, h, substeps=substeps, tolerance=tolerance, passes=passes)
         try:
             errors = reference.measure(Simulation, scene)
             alone, whole = clock(scene, reference.duration)
         except SimulationError:  # too coarse a step
             continue
         rows.append({
-            "scene": reference.name, "engine": "tbsa", "substep": h, "substeps": substeps,
+            "scene": reference.name, "engine": "tbsa", "step": h, "substeps": substeps,
             "tolerance": tolerance, "passes": passes,
             "errors": {name: float(value) for name, value in errors.items()},
             "alone": alone, "seconds": whole, "simulated": reference.duration,
@@ -122,8 +121,8 @@ def sweep(reference: Reference) -> list[Row]:
 
 def order(rows: Iterable[Row], quantity: str) -> float:
     """Slope of log error over log step between 1/120 and 1/960 s, by least squares."""
-    points = [(math.log(row["substep"]), math.log(row["errors"][quantity])) for row in rows
-              if 1 / 961 < row["substep"] < 1 / 119 and row["errors"][quantity] > 0.0]
+    points = [(math.log(row["step"]), math.log(row["errors"][quantity])) for row in rows
+              if 1 / 961 < row["step"] < 1 / 119 and row["errors"][quantity] > 0.0]
     if len(points) < 2:
         return math.nan
     h, error = np.array(points).T
@@ -138,7 +137,7 @@ def summary(reference: Reference, rows: Sequence[Row]) -> list[list[str]]:
     lines = []
     for quantity in steps[0]["errors"]:
         target = reference.targets.get(quantity)
-        by_step = {round(1 / row["substep"]): row["errors"][quantity] for row in steps}
+        by_step = {round(1 / row["step"]): row["errors"][quantity] for row in steps}
         verdict = "-"
         if target is not None and round(1 / TARGET) in by_step:
             verdict = "yes" if by_step[round(1 / TARGET)] <= target else "NO"
@@ -146,7 +145,7 @@ def summary(reference: Reference, rows: Sequence[Row]) -> list[list[str]]:
                       *(f"{by_step[n]:.1e}" if n in by_step else "" for n in
                         (round(1 / h) for h in STEPS)),
                       f"{order(steps, quantity):.2f}", f"{target:g}" if target else "-", verdict])
-    times = {round(1 / row["substep"]): row["alone"] / row["simulated"] for row in steps}
+    times = {round(1 / row["step"]): row["alone"] / row["simulated"] for row in steps}
     lines.append(["", "run time s/s", *(f"{times[n]:.1e}" if n in times else "" for n in
                                         (round(1 / h) for h in STEPS)), "", "", ""])
     return lines
@@ -226,7 +225,7 @@ def paper_table(seconds: float) -> int:
             watch.advance(round(seconds / watch.simulation.h))
             depths = np.array(watch.depths)
             row = {
-                "scene": name, "substep": watch.simulation.h, "seconds": seconds,
+                "scene": name, "step": watch.simulation.h, "seconds": seconds,
                 "overlap": watch.overlap, "beyond half a per cent": float((depths > 5e-3).mean()),
                 "beyond 2 per cent": float((depths > 2e-2).mean()), "outside": watch.outside,
                 "cone": watch.cone, "gap": watch.gap, "energy": watch.energy,
@@ -248,7 +247,7 @@ def paper_table(seconds: float) -> int:
     return 0
 
 
-PAPER_HEAD = ("scene", "substep", "deepest % w", "> 0.5 %, % of steps", "> 2 %", "outside % w",
+PAPER_HEAD = ("scene", "step", "deepest % w", "> 0.5 %, % of steps", "> 2 %", "outside % w",
               "cone", "gap", "energy gained", "off after 0.25 s, w", "0.5 s", "run time s/s")
 
 
@@ -276,11 +275,11 @@ def statistics(seconds: float, seeds: int) -> int:
                 print(f"\r{name} h/{share} seed {seed}: {sizes[-1]}   ", end="",
                       file=sys.stderr, flush=True)
             mean, half = interval(sizes)
-            rows.append({"scene": name, "substep": s.h, "seconds": seconds, "sizes": sizes,
+            rows.append({"scene": name, "step": s.h, "seconds": seconds, "sizes": sizes,
                          "mean": mean, "half": half})
             lines.append([name, f"1/{1 / s.h:.0f}", f"{mean:.1f} +- {half:.1f}"])
     print()
-    print("\n".join(aligned(("scene", "substep", f"size after {seconds:g} s, mean of {seeds}"),
+    print("\n".join(aligned(("scene", "step", f"size after {seconds:g} s, mean of {seeds}"),
                             lines)))
     print(f"written to {save('statistics', rows)}")
     return 0

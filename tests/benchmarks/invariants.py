@@ -133,7 +133,7 @@ def contact_residuals(simulation: Any) -> tuple[float, float]:
     a, b = forces["a"][~walls], forces["b"][~walls]
     if not a.size:
         return cone, 0.0
-    half = 0.5 * simulation.h
+    half = 0.5 * simulation.h / scene.solver.substeps
     x, y = simulation.x + half * simulation.vx, simulation.y + half * simulation.vy
     angle = simulation.angle + half * simulation.omega
     gap = np.abs(depth(width, x[b] - x[a], y[b] - y[a], angle[a], angle[b]))
@@ -143,7 +143,7 @@ def contact_residuals(simulation: Any) -> tuple[float, float]:
 
 @dataclass
 class Watch:
-    """Follows a simulation substep by substep and keeps the worst of every invariant.
+    """Follows a simulation step by step and keeps the worst of every invariant.
 
     The energy gained is that of tiles and magnets less the work of the drive, which floor,
     damping and contacts can only lower; `energy` is its highest rise over any earlier value,
@@ -153,14 +153,14 @@ class Watch:
     """
 
     simulation: Any
-    every: int = 1  # substeps between looks at overlap, contacts and magnets
+    every: int = 1  # steps between looks at overlap, contacts and magnets
     overlap: float = 0.0  # widths
     outside: float = 0.0  # widths
     cone: float = 0.0
     gap: float = 0.0
     energy: float = 0.0
     finite: bool = True
-    substeps: int = 0
+    steps: int = 0
     depths: list[float] = field(default_factory=list)
     work: float = 0.0  # J, of the drive
     scale: float = 0.0  # J
@@ -189,20 +189,20 @@ class Watch:
         self.least, self.energy, self.overlap, self.outside = self.balance(), 0.0, 0.0, 0.0
         self.depths.clear()
 
-    def advance(self, substeps: int) -> None:
+    def advance(self, steps: int) -> None:
         """Advance, and look."""
         s = self.simulation
-        for _ in range(substeps):
+        for _ in range(steps):
             x, y, angle = s.x.copy(), s.y.copy(), s.angle.copy()
             time = s.time
             s.advance(1)
-            self.substeps += 1
+            self.steps += 1
             middle = 0.5 * (angle + s.angle)
             fx, fy, torque = drive_loads(s.scene, self.kinds, time + 0.5 * s.h, middle)
             powers = fx * (s.x - x) + fy * (s.y - y) + torque * (s.angle - angle)
             self.work += float(powers[self.free].sum())
             self.scale += float(np.abs(powers[self.free]).sum())
-            if self.substeps % self.every == 0:
+            if self.steps % self.every == 0:
                 self.look()
 
     def look(self) -> None:

@@ -355,7 +355,7 @@ def peer_sweep(reference: Reference) -> list[Row]:
             except (ValueError, FloatingPointError, RuntimeError):
                 error = math.inf  # thrown about so far that the truth cannot go on from there
             alone, whole = engine_clock(make, scene, reference.duration)
-            rows.append({"scene": reference.name, "engine": name, "substep": h,
+            rows.append({"scene": reference.name, "engine": name, "step": h,
                          "error": error if math.isfinite(error) else 1e9, "alone": alone,
                          "seconds": whole, "simulated": reference.duration})
     return rows
@@ -392,7 +392,7 @@ def lines_of(reference: Reference, ours: Sequence[Row], theirs: Sequence[Row]) -
     least = min(row["errors"][reference.quantity] for row in ours)
     target = reference.targets[reference.quantity]
     at_target = [row["errors"][reference.quantity] for row in ours
-                 if abs(row["substep"] - 1 / 480) < 1e-9 and row["substeps"] == 4]
+                 if abs(row["step"] - 1 / 480) < 1e-9 and row["substeps"] == 4]
     met = bool(at_target) and at_target[0] <= target
     lines = []
     for engine in ("box2d", "pymunk"):

@@ -14,7 +14,7 @@ import math
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -63,7 +63,7 @@ class Engine(Protocol):
     vy: NDArray[np.float64]
     omega: NDArray[np.float64]
 
-    def advance(self, substeps: int) -> None: ...
+    def advance(self, steps: int) -> None: ...
 
 
 Make = Callable[[Scene], Engine]
@@ -72,7 +72,7 @@ Errors = dict[str, float]
 
 @dataclass(frozen=True)
 class Reference:
-    """One scene, its truth and what may be asked of it at a substep of 1/480 s."""
+    """One scene, its truth and what may be asked of it at a step of 1/480 s."""
 
     name: str
     title: str
@@ -82,7 +82,7 @@ class Reference:
     targets: dict[str, float]  # the first is the one that is plotted
     steps: tuple[float, ...] = STEPS
     slow: bool = False
-    ordered: bool = field(default=False)  # the order of convergence is asked for, >= 1.9
+    ordered: bool = False  # the order of convergence is asked for, >= 1.9
 
     @property
     def quantity(self) -> str:
@@ -91,13 +91,13 @@ class Reference:
 
 
 def at_step(scene: Scene, h: float, **changes: Any) -> Scene:
-    """The scene at a substep of `h` (s) and other changes of its solver."""
+    """The scene at a step of `h` (s) and other changes of its solver."""
     solver = replace(scene.solver, step=h, **changes)
     return replace(scene, solver=solver)
 
 
 def go(engine: Engine, seconds: float) -> None:
-    """Advance by a time (s) that is a whole number of substeps."""
+    """Advance by a time (s) that is a whole number of steps."""
     engine.advance(round(seconds / engine.h))
 
 

@@ -47,7 +47,7 @@ from tests.benchmarks.invariants import Watch
 
 OVERLAP, ENERGY, RECOVERED = 0.05, 0.01, 0.01
 W = Material().width
-H = 1 / 480  # s, substep unless a row has its own
+H = 1 / 480  # s, step unless a row has its own
 GREY = (TileType("tile", (0, 0, 0, 0), "grey", 0),)
 LOAD = 0.075  # N, about that of the paper's scenes
 SHAKING = Drive("shaking", LOAD, 0.0, 0.33)
@@ -82,7 +82,7 @@ class Outcome:
 
 
 def solver(h: float = H) -> Solver:
-    """Default settings at a substep of `h` (s); a step has at most 0.1 s."""
+    """Default settings at a step of `h` (s); a step has at most 0.1 s."""
     return Solver(step=h)
 
 
@@ -293,11 +293,11 @@ def rows() -> list[Row]:
         drive=Drive("constant", (LOAD, 0.0), 0.0)), 60.0, every=48))
     elastic = Material(linear_damping=0.0, angular_damping=0.0, restitution=1.0, friction=0.0,
                        restitution_threshold=0.0)
-    found.append(Row("1e7 substeps of five elastic tiles", bare(
+    found.append(Row("1e7 steps of five elastic tiles", bare(
         [tile(0.06 * k - 0.12, 0.01 * k, 0.3 * k, (0.3 - 0.1 * k, 0.2)) for k in range(5)],
         material=elastic, reactor=Reactor("rectangle", width=0.4, height=0.2, friction=0.0,
                                           restitution=1.0)), 1e7 * H, blind=True))
-    found.append(Row("1e7 substeps of a loaded pair", bare(
+    found.append(Row("1e7 steps of a loaded pair", bare(
         [tile(0, 0, kind="black", held=True), tile(W, 0, kind="white")], types=SETS["chessboard"],
         magnet=Magnet(), floor=Floor(), drive=Drive("constant", (0.1, 0.02), 0.0)), 1e7 * H,
         blind=True))
@@ -323,7 +323,7 @@ def run(row: Row) -> Outcome:
         why = ""
         if row.recovery is not None:
             why = _recover(row, watch)
-        watch.advance(round(row.seconds / simulation.h) - watch.substeps)
+        watch.advance(round(row.seconds / simulation.h) - watch.steps)
     except (InputError, SimulationError) as error:
         wall = time.perf_counter() - start
         return Outcome(bool(row.limit), "" if row.limit else f"refused: {error}", wall=wall)
@@ -352,12 +352,12 @@ def _recover(row: Row, watch: Watch) -> str:
     s, fastest = watch.simulation, 0.0
     assert row.recovery is not None
     done = math.inf
-    while watch.substeps * s.h < row.recovery:
+    while watch.steps * s.h < row.recovery:
         watch.advance(1)
         fastest = max(fastest, float(np.hypot(s.vx, s.vy).max()))
         watch.look()
         if watch.depths[-1] <= RECOVERED:
-            done = watch.substeps * s.h
+            done = watch.steps * s.h
             break
     left = watch.depths[-1]
     watch.restart()
@@ -368,7 +368,7 @@ def _recover(row: Row, watch: Watch) -> str:
 
 
 def _blind(row: Row, simulation: Simulation) -> str:
-    """Many substeps at once: energy must not rise where no drive works."""
+    """Many steps at once: energy must not rise where no drive works."""
     watch = Watch(simulation)
     first = simulation.kinetic_energy()
     chunk = 100_000
