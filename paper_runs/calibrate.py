@@ -123,7 +123,7 @@ def point(folder: Path, rows: pd.DataFrame) -> Point:
         (missed if bad else met).append(name)
     gain = math.nan
     if duration >= DURATION:
-        gain = float(np.mean(growth(folder, rows)[2]))
+        gain = float(np.mean(growth(folder, rows).last))
     return Point(drive, figures["size"].value, figures["errors"].value, figures["holes"].value,
                  percent(rows["off_lattice"], rows["size"]).value, gain, len(rows), duration,
                  tuple(met), tuple(missed))

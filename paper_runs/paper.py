@@ -15,7 +15,9 @@ from paper_runs.intervals import Estimate
 SELF, SHAKING = "self-stabilizing", "shaking"  # groups of campaign.toml
 SCENES = {"self_stabilizing.toml": SELF, "shaking.toml": SHAKING}
 RUNS, DURATION = 36, 3600.0  # of each drive; s
-STEADY = 10.0  # per cent of the size, over the last third: what still counts as saturated
+# The gain over the last third (per cent of the size) beyond which an assembly of either drive
+# counts as growing, and up to which as at its limit.  The paper shows curves; the number is ours.
+STEADY = 10.0
 
 
 class Figure(NamedTuple):
@@ -60,8 +62,9 @@ END = {  # at 3600 s, by drive and column of the tables
               "errors": Figure("0.5 %", 0.5, 0.25, 0.75),
               "holes": Figure("0 %", 0.0, 0.0, 0.25)},
 }
-GROWING = Figure("did not reach its limit", math.nan, 0.0, math.inf)  # slope
-SLOWING = Figure("at a decreasing rate", math.nan, -math.inf, 0.0)  # change of slope
-SATURATED = Figure("reaches a limit", 0.0, -STEADY, STEADY)  # gain over the last third, per cent
+# Of the gain over the last third, and of what it is less that of the second.
+GROWING = Figure("did not reach its limit", math.nan, STEADY, math.inf)
+SATURATED = Figure("reaches a limit", 0.0, -STEADY, STEADY)
+SLOWING = Figure("at a decreasing rate", math.nan, -math.inf, 0.0)
 MORE = Figure("more than shaking", math.nan, 0.0, math.inf)
 LESS = Figure("less than shaking", math.nan, -math.inf, 0.0)
