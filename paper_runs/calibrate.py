@@ -43,8 +43,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
-from paper_runs.intervals import difference, mean, number, percent
+from paper_runs.intervals import LEVEL, difference, mean, number, percent
 from paper_runs.merit import growth
 from paper_runs.paper import DURATION, END, SELF, SHAKING, STEADY
 from paper_runs.tables import DATA, HERE, against_plan, fields, given, load, markdown
@@ -58,6 +59,7 @@ LAW, FORCE, TORQUE = "floor.law", "drive.force", "drive.torque"
 PRINTED = "separate"  # the law of the paper's Table I, in which force and torque are chosen
 SHOWN = 10  # candidates in the ranking
 SEEDS = 2  # of the finals
+ENOUGH = 5  # runs; of fewer the scatter itself is unknown, and no figure counts as met or missed
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,7 @@ class Point:
     gain: float  # over the last third, per cent of the size; likewise if runs are short
     runs: int
     duration: float
-    met: tuple[str, ...]  # the paper's figures that are not excluded
-    missed: tuple[str, ...]
+    missed: tuple[str, ...]  # the paper's figures that are excluded; none by few runs
 
     def misses(self) -> dict[str, float]:
         """How far each figure is off, in units of a clear miss."""
@@ -105,6 +106,11 @@ class Candidate:
         return math.hypot(*self.ours.misses().values(), *self.theirs.misses().values())
 
     @property
+    def runs(self) -> int:
+        """Of the drive that has fewer."""
+        return min(self.ours.runs, self.theirs.runs)
+
+    @property
     def missed(self) -> list[str]:
         """The paper's figures that this one does not meet."""
         return [f"{point.drive} {name}" for point in (self.ours, self.theirs)
@@ -116,17 +122,14 @@ def point(folder: Path, rows: pd.DataFrame) -> Point:
     drive, duration = str(rows["drive"].iloc[0]), float(rows["duration"].iloc[0])
     figures = {"size": mean(rows["size"]), "errors": percent(rows["errors"], rows["size"]),
                "holes": percent(rows["holes"], rows["size"])}
-    met, missed = [], []
-    for name, figure in figures.items():
-        verdict = END[drive][name].verdict(figure)
-        bad = verdict in ("not reached", "no data", "one run only, outside")
-        (missed if bad else met).append(name)
+    missed = [name for name, figure in figures.items() if len(rows) >= ENOUGH
+              and END[drive][name].verdict(figure) in ("not reached", "no data")]
     gain = math.nan
     if duration >= DURATION:
         gain = float(np.mean(growth(folder, rows).last))
     return Point(drive, figures["size"].value, figures["errors"].value, figures["holes"].value,
                  percent(rows["off_lattice"], rows["size"]).value, gain, len(rows), duration,
-                 tuple(met), tuple(missed))
+                 tuple(missed))
 
 
 def points(folder: Path, table: pd.DataFrame) -> dict[tuple[str, ...], Point]:
@@ -226,22 +229,31 @@ def choice(ranked: Sequence[Candidate], final: bool, whole: bool) -> list[str]:
         other = others[0]
         lines.append(f"With {other.law} friction the nearest is {other.force:g} N, "
                      f"{other.torque:g} N m (distance {other.distance:.2f}).")
-    full = [each for each in ranked if not each.missed]
+    told = [each for each in ranked if each.runs >= ENOUGH]
+    full = [each for each in told if not each.missed]
     if not final:
         lines.append(f"Runs of {best.ours.duration:g} s cannot tell whether the paper's figures at "
                      f"{DURATION:g} s are met; they rank candidates for the finals.")
+    elif not told:
+        lines.append("Whether the paper's six end values are met together at a setting cannot be "
+                     f"told: none has {ENOUGH} runs of both drives, and fewer exclude nothing. "
+                     "Those of the setting chosen are judged by its campaign, in `merit.md`.")
     elif full:
         nearest = full[0]
         lines.append("The paper's six end values can be met together, in the sense that our 95 % "
-                     f"intervals do not exclude them, at {len(full)} of {len(ranked)} settings"
+                     f"intervals do not exclude them, at {len(full)} of {len(told)} settings "
+                     f"with {ENOUGH} runs of both drives or more"
                      + (", the chosen one among them." if nearest is best else
                         f"; the nearest of these is {nearest.force:g} N, {nearest.torque:g} N m, "
                         f"{nearest.law}."))
     else:
-        fewest = min(ranked, key=lambda each: (len(each.missed), each.distance))
-        lines.append("**The paper's six end values are not met together by any setting tried.** "
-                     f"Closest by the rule is the one above; it misses {_and(best.missed)}."
-                     + ("" if fewest is best else
+        nearest = told[0]
+        fewest = min(told, key=lambda each: (len(each.missed), each.distance))
+        lines.append("**The paper's six end values are not met together by any of the "
+                     f"{len(told)} settings with {ENOUGH} runs of both drives or more.** Closest "
+                     f"by the rule is {nearest.force:g} N, {nearest.torque:g} N m, {nearest.law}; it "
+                     f"misses {_and(nearest.missed)}."
+                     + ("" if fewest is nearest else
                         f" Fewest are missed at {fewest.force:g} N, {fewest.torque:g} N m, "
                         f"{fewest.law}: {_and(fewest.missed)}."))
     return lines
@@ -311,8 +323,9 @@ def _about(ended: pd.DataFrame) -> str:
     return f"The base: {', '.join(said.values())}." if said else ""
 
 
-def noise(folder: Path, table: pd.DataFrame) -> str:
-    """How much the distance scatters between single runs of one setting, from the base."""
+def noise(folder: Path, table: pd.DataFrame, ranked: Sequence[Candidate] = ()) -> str:
+    """How much the distance scatters between single runs of one setting, from the base; how many
+    of the `ranked`, of one run each, that does not tell from the first."""
     base = table[(table["status"] == "done") & (table["group"] == "base")]
     singles = {drive: [point(folder, base.loc[[k]]) for k in base.index[base["drive"] == drive]]
                for drive in (SELF, SHAKING)}
@@ -320,9 +333,15 @@ def noise(folder: Path, table: pd.DataFrame) -> str:
            for a, b in zip(singles[SELF], singles[SHAKING], strict=False)]
     if len(far) < 2:
         return ""
+    spread = float(np.std(far, ddof=1))
+    # Of a difference of two: root 2, and as the scatter is known from few seeds, Student's t.
+    apart = float(stats.t.ppf(0.5 + LEVEL / 2, len(far) - 1)) * math.sqrt(2.0) * spread
+    near = sum(each.distance - ranked[0].distance < apart for each in ranked)
     return (f"Between single seeds of one setting the distance has a standard deviation of "
-            f"{np.std(far, ddof=1):.2f} (group base of the readings, {len(far)} seeds): candidates "
-            "of one run each that are nearer to each other than that are not told apart.")
+            f"{spread:.2f} (group base of the readings, {len(far)} seeds): two candidates of one "
+            f"run each are told apart (95 %) if their distances differ by more than {apart:.2f}."
+            + (f" {near} of the {len(ranked)} settings of the maps are nearer than that to the "
+               "first." if ranked else ""))
 
 
 def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
@@ -349,7 +368,8 @@ def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
         last |= points(folders[name], tables[name]) if name in tables else {}
     ranked, finalists = candidates(mapped), candidates(last)
     lines += ["", "## Choice", "", *choice(finalists or ranked, bool(finalists), whole)]
-    if "readings" in tables and (said_ := noise(folders["readings"], tables["readings"])):
+    if "readings" in tables and (
+            said_ := noise(folders["readings"], tables["readings"], ranked)):
         lines += ["", said_]
     if finalists:
         lines += ["", "## Finals", "", *ranking(finalists)]

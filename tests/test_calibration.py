@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -295,7 +296,7 @@ def test_numbers_have_three_digits(value, text):
 
 
 def a_point(drive, size, errors=0.0, holes=0.0, gain=math.nan, duration=300.0, off=0.0):
-    return Point(drive, size, errors, holes, off, gain, 1, duration, (), ())
+    return Point(drive, size, errors, holes, off, gain, 1, duration, ())
 
 
 def test_the_papers_own_figures_are_at_distance_zero():
@@ -426,9 +427,12 @@ def test_the_finals_are_the_nearest_of_the_maps_in_full(finals):
 
 @pytest.mark.parametrize(("ours", "theirs", "words"), [
     ({"size": 300, "holes": 5}, {"size": 35}, "can be met together"),
-    ({"size": 300, "holes": 5}, {"size": 80}, "are not met together by any setting tried"),
+    ({"size": 300, "holes": 5}, {"size": 80}, "are not met together by any of the 3 "),
     ({"size": 60, "holes": 1}, {"size": 35}, "it misses self-stabilizing size")])
 def test_it_says_whether_the_papers_figures_can_be_met_together(finals, ours, theirs, words):
+    (finals / "finals.toml").write_text((finals / "finals.toml").read_text().replace(
+        "number = 2", f"number = {calibrate.ENOUGH}"))
+
     def metrics(each):
         jitter = each.scene.run.seed % 2
         mine = ours if each.scene.drive.kind == "unicycle" else theirs
@@ -440,6 +444,28 @@ def test_it_says_whether_the_papers_figures_can_be_met_together(finals, ours, th
     assert "**Chosen: " in text
     assert words in text
     assert "## Finals" in text
+
+
+@pytest.mark.parametrize("sizes", [(105, 60), (60, 60), (150, 150)])
+def test_two_runs_exclude_nothing_and_meet_nothing(finals, sizes):
+    """Neither do equal ones, which scatter by chance only as little."""
+    tables(finals / "finals.toml", finals / "finals", lambda each: ending(
+        each, 35 if each.scene.drive.kind == "shaking" else sizes[each.scene.run.seed - 1]))
+    text, _ = calibrate.report({name: finals / f.stem for name, f in calibrate.FILES.items()})
+    assert "are met together at a setting cannot be told: none has 5 runs of both drives" in text
+    assert "can be met together" not in text
+    assert "misses" not in text
+
+
+def test_a_difference_of_two_distances_scatters_by_more_than_one(tmp_path):
+    """Sizes of shaking from 35 to 35 * 1.25^3: distances 0.5 apart between seeds."""
+    tables(HERE / "readings.toml", tmp_path, lambda each: ending(
+        each, 130 if each.scene.drive.kind == "unicycle" else
+        35 * 1.25 ** (10 + 0.5 * each.scene.run.seed)))
+    found = calibrate.noise(tmp_path, load(tmp_path))
+    spread, apart = (float(each) for each in re.findall(r"(?:of|than) (\d+\.\d\d)", found))
+    assert spread == pytest.approx(0.5 * np.std([1, 2, 3, 4], ddof=1), abs=0.02)
+    assert apart == pytest.approx(3.182 * math.sqrt(2.0) * spread, rel=0.02)
 
 
 def test_nothing_is_chosen_before_all_finals_are_done(finals):
