@@ -251,8 +251,8 @@ def choice(ranked: Sequence[Candidate], final: bool, whole: bool) -> list[str]:
         fewest = min(told, key=lambda each: (len(each.missed), each.distance))
         lines.append("**The paper's six end values are not met together by any of the "
                      f"{len(told)} settings with {ENOUGH} runs of both drives or more.** Closest "
-                     f"by the rule is {nearest.force:g} N, {nearest.torque:g} N m, {nearest.law}; it "
-                     f"misses {_and(nearest.missed)}."
+                     f"by the rule is {nearest.force:g} N, {nearest.torque:g} N m, {nearest.law}; "
+                     f"it misses {_and(nearest.missed)}."
                      + ("" if fewest is nearest else
                         f" Fewest are missed at {fewest.force:g} N, {fewest.torque:g} N m, "
                         f"{fewest.law}: {_and(fewest.missed)}."))

@@ -287,20 +287,36 @@ def test_a_load_inside_the_limit_surface_moves_nothing():
 
 def test_the_fit_finds_the_parameters_of_a_true_unicycle():
     times = np.linspace(0.0, 20.0, 401)
-    path = unicycle.kinematic(times, 0.8, 0.7, 2.5, 0.1)
-    fit = unicycle.fit(times, path[:, 0], path[:, 1], path[:, 2] - 0.5 * math.pi, 0.1)
-    assert (fit.a, fit.b, fit.omega) == pytest.approx((0.8, 0.7, 2.5), rel=1e-4)
-    assert fit.position < 1e-5
+    path = unicycle.kinematic(times, 0.8, 0.8, 2.5, 0.1)
+    angle = path[:, 2] - 0.5 * math.pi
+    fit = unicycle.fit(times, path[:, 0], path[:, 1], angle, 0.1)
+    assert (fit.a, fit.omega) == pytest.approx((0.8, 2.5), rel=1e-4)
+    assert (fit.path, fit.heading) == pytest.approx((0.0, 0.0), abs=1e-9)
+    velocity = np.gradient(path[:, :2], times, axis=0)
+    assert unicycle.along(angle, *velocity.T) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_the_coupled_floor_makes_a_tile_a_unicycle_to_some_per_cent_of_its_path():
-    """T_mag = 1e-4 N m: the path is off by 5 %, the heading by 8 %."""
-    times = np.linspace(0.0, 5.0, 101)
-    z = unicycle.coupled_tile(times, mass=MASS, width=WIDTH, force=0.075, torque=1e-4,
+@pytest.mark.parametrize("there", [1.0, 100.0])
+def test_where_standing_still_would_do_as_well_all_is_unexplained(there):
+    """A tile that goes to and fro across its heading, however long its path."""
+    times, none = np.linspace(0.0, 20.0, 401), np.zeros(401)
+    x = 0.1 * (1.0 - np.cos(0.2 * math.pi * there * times))
+    fit = unicycle.fit(times, x, none, none, 0.1)
+    assert fit.a == pytest.approx(0.0, abs=1e-12)
+    assert fit.path == pytest.approx(1.0)
+    assert unicycle.along(none, np.gradient(x, times), none) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("torque", "path", "heading", "along"), [
+    (3e-5, 0.753, 0.028, 0.577), (1e-4, 0.712, 0.015, 0.479), (3e-4, 0.735, 0.010, 0.357)])
+def test_the_coupled_floor_makes_a_tile_turn_as_a_unicycle_and_not_go_as_one(
+        torque, path, heading, along):
+    times = np.linspace(0.0, 20.0, 401)
+    z = unicycle.coupled_tile(times, mass=MASS, width=WIDTH, force=0.075, torque=torque,
                               frequency=0.1, mu=MU, linear_damping=0.8, angular_damping=0.5)
     fit = unicycle.fit(times, *z[:, :3].T, 0.1)
-    assert 0.03 < fit.position < 0.12
-    assert 0.05 < fit.heading < 0.12
+    assert (fit.path, fit.heading) == pytest.approx((path, heading), abs=1e-3)
+    assert unicycle.along(*z[:, 2:5].T) == pytest.approx(along, abs=1e-3)
 
 
 TILE = {"mass": MASS, "width": WIDTH, "force": 0.075, "torque": 1e-4, "frequency": 0.5, "mu": MU}
@@ -327,7 +343,15 @@ def test_a_driven_tile_without_friction_is_only_accelerated(none):
 @pytest.mark.parametrize("forward", [0.0, 0.5 * math.pi])
 def test_the_fit_of_a_tile_at_rest_is_no_motion(forward):
     times, none = np.linspace(0.0, 2.0, 21), np.zeros(21)
-    assert unicycle.fit(times, none, none, none, 0.5, forward) == (0.0,) * 5
+    assert unicycle.fit(times, none, none, none, 0.5, forward) == (0.0,) * 4
+
+
+def test_at_frequency_zero_a_unicycle_stays_and_explains_nothing():
+    """As :func:`coupled_tile`: sin 0 drives nothing."""
+    times = np.linspace(0.0, 2.0, 21)
+    path = unicycle.kinematic(times, 1.0, 1.0, 1.0, 0.0)
+    np.testing.assert_array_equal(path, np.tile([0.0, 0.0, 0.5 * math.pi], (21, 1)))
+    assert unicycle.fit(times, times, times, times, 0.0) == (0.0, 0.0, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("mu", [MU, 0.0])

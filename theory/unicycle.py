@@ -1,9 +1,12 @@
-"""A driven tile on a floor with one friction law for sliding and turning, as a unicycle.
+"""A driven tile on a floor with one friction law for sliding and turning, beside a unicycle.
 
 The law is the ellipsoid of Howe and Cutkosky (Int. J. Robotics Research 15, 1996) with the axes
 of a square under uniform pressure.  The paper's kinematic model (its equation "mmodel") is
 
     dx/dt = u a cos phi,   dy/dt = u b sin phi,   dphi/dt = u omega,   u = sin(2 pi f t).
+
+A unicycle has a = b: with others the motion would depend on where the x axis points.  The model
+gets the heading of a driven tile, and not its path.
 """
 
 from __future__ import annotations
@@ -24,13 +27,15 @@ REST = 1e-6
 
 
 class Unicycle(NamedTuple):
-    """A fit of the kinematic model."""
+    """A fit of the kinematic model with a = b, and what it leaves unexplained.
+
+    The shares are 0 of a unicycle, and 1 if standing still would do as well.
+    """
 
     a: float  # m/s
-    b: float  # m/s
     omega: float  # rad/s
-    position: float  # root mean square error over the length of the path, 1
-    heading: float  # root mean square error over the range of the heading, 1
+    path: float  # of the mean square distance from the start
+    heading: float  # of the mean square turn since the start
 
 
 def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, torque: float,
@@ -148,10 +153,9 @@ def kinematic(times: ArrayLike, a: float, b: float, omega: float, frequency: flo
               heading: float = 0.5 * math.pi, points: int = 200_001) -> Reals:
     """x, y, phi of the kinematic model from the origin at `times` (s); shape (n, 3)."""
     instants = np.asarray(times, dtype=np.float64)
-    rate = 2.0 * math.pi * frequency
     t = np.linspace(0.0, float(instants[-1]), points)
-    phi = heading + omega * (1.0 - np.cos(rate * t)) / rate
-    u = np.sin(rate * t)
+    phi = heading + omega * _swing(t, frequency)
+    u = np.sin(2.0 * math.pi * frequency * t)
     x = a * cumulative_trapezoid(u * np.cos(phi), t, initial=0.0)
     y = b * cumulative_trapezoid(u * np.sin(phi), t, initial=0.0)
     return np.stack([np.interp(instants, t, q) for q in (x, y, phi)], axis=1)
@@ -159,36 +163,55 @@ def kinematic(times: ArrayLike, a: float, b: float, omega: float, frequency: flo
 
 def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequency: float,
         forward: float = 0.5 * math.pi) -> Unicycle:
-    """Least squares of the kinematic model to a path that starts at the origin.
+    """Least squares of the kinematic model, a = b, to a path that starts at the origin.
 
-    omega from the heading, then a and b from the path; all three are linear.
+    omega from the heading, then a from the path; both are linear.
     """
     instants = np.asarray(times, dtype=np.float64)
-    x, y, angle = (np.asarray(q, dtype=np.float64) for q in (x, y, angle))
+    path = np.stack([np.asarray(q, dtype=np.float64) for q in (x, y)], axis=1)
+    turned = np.asarray(angle, dtype=np.float64)
+    start, turned = float(turned[0]), turned - turned[0]
+    omega, heading = _scale(_swing(instants, frequency), turned)
+    unit = kinematic(instants, 1.0, 1.0, omega, frequency, forward + start)[:, :2]
+    a, left = _scale(unit.ravel(), path.ravel())
+    return Unicycle(a, omega, left, heading)
+
+
+def along(angle: ArrayLike, vx: ArrayLike, vy: ArrayLike, forward: float = 0.5 * math.pi) -> float:
+    """The share of the mean square velocity that is along the heading, either way.
+
+    1 of a unicycle, 1/2 where the two have nothing to do with each other.
+    """
+    phi = np.asarray(angle, dtype=np.float64) + forward
+    x, y = (np.asarray(v, dtype=np.float64) for v in (vx, vy))
+    whole = float(x @ x + y @ y)
+    return float(np.sum((x * np.cos(phi) + y * np.sin(phi)) ** 2)) / whole if whole else math.nan
+
+
+def _swing(t: Reals, frequency: float) -> Reals:
+    """The integral of u from 0 to `t` (s), which is 0 at frequency 0."""
     rate = 2.0 * math.pi * frequency
-    swing = (1.0 - np.cos(rate * instants)) / rate
-    turned = angle - angle[0]
-    omega = float(swing @ turned / (swing @ swing))
-    unit = kinematic(instants, 1.0, 1.0, omega, frequency, forward + float(angle[0]))
-    a, b = (float(u @ q / (u @ u)) if u.any() else 0.0 for u, q in zip(unit.T, (x, y),
-                                                                       strict=False))
-    miss = np.hypot(a * unit[:, 0] - x, b * unit[:, 1] - y)
-    length = float(np.hypot(np.diff(x), np.diff(y)).sum()) or 1.0
-    swung = float(np.ptp(turned)) or 1.0
-    return Unicycle(a, b, omega, float(np.sqrt(np.mean(miss**2))) / length,
-                    float(np.sqrt(np.mean((omega * swing - turned) ** 2))) / swung)
+    return (1.0 - np.cos(rate * t)) / rate if rate else np.zeros_like(t)
+
+
+def _scale(unit: Reals, found: Reals) -> tuple[float, float]:
+    """The factor of `unit` that is nearest to `found`, and the share of its square that is left."""
+    length, whole = float(unit @ unit), float(found @ found)
+    factor = float(unit @ found) / length if length else 0.0
+    left = found - factor * unit
+    return factor, float(left @ left) / whole if whole else 0.0
 
 
 def main() -> None:
-    """Print how good a unicycle the tile is, at 0.075 N, three torques, and the paper's values."""
+    """Print how far the tile is a unicycle, at 0.075 N, three torques, and the paper's values."""
     times = np.linspace(0.0, 20.0, 401)
-    print("T_mag (N m)  a (m/s)  b (m/s)  omega (rad/s)  path error  heading error")
+    print("T_mag (N m)  a (m/s)  omega (rad/s)  unexplained: heading    path  velocity along it")
     for torque in (3e-5, 1e-4, 3e-4):
         z = coupled_tile(times, mass=0.016, width=0.03, force=0.075, torque=torque, frequency=0.1,
                          mu=0.25, linear_damping=0.8, angular_damping=0.5)
         found = fit(times, z[:, 0], z[:, 1], z[:, 2], 0.1)
-        print(f"{torque:11g}  {found.a:7.3f}  {found.b:7.3f}  {found.omega:13.3f}  "
-              f"{found.position:10.3f}  {found.heading:13.3f}")
+        print(f"{torque:11g}  {found.a:7.3f}  {found.omega:13.3f}  {found.heading:20.1%}  "
+              f"{found.path:6.1%}  {along(z[:, 2], z[:, 3], z[:, 4]):17.1%}")
 
 
 if __name__ == "__main__":
