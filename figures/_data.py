@@ -16,8 +16,8 @@ from paper_runs.paper import SELF, SHAKING
 from paper_runs.tables import DATA, done
 from tbsa.errors import InputError
 
-__all__ = ["BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "Missing", "done",
-           "means", "needed", "order", "points", "results", "runs", "seconds"]
+__all__ = ["BARS", "BEYOND", "CALIBRATION", "CAMPAIGN", "DRIVES", "LOOKS", "MORE_TILES", "Missing",
+           "done", "means", "needed", "order", "points", "results", "runs", "seconds"]
 
 # Tables, and a few records, of campaigns.
 CAMPAIGN, CALIBRATION = DATA / "campaign", DATA / "calibration"
@@ -69,6 +69,9 @@ def runs(counts: pd.Series) -> str:
     least, most = int(counts.min()), int(counts.max())
     number = f"{most}" if least == most else f"{least} to {most}"
     return f"{number} run{'s' if most > 1 else ''} each"
+
+
+BARS = "means; bars from the smallest to the largest run"  # what :func:`points` draws
 
 
 def points(ax: Axes, at: pd.DataFrame, drive: str, label: str, **look: Any) -> Any:

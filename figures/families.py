@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from figures._data import BEYOND, done, means, needed, points, seconds
+from figures._data import BARS, BEYOND, done, means, needed, points, seconds
 from figures.style import BLUE, GREY, ORANGE, figure
 from paper_runs.paper import SELF
 from paper_runs.tables import given
@@ -22,7 +22,7 @@ def make() -> Figure:
     table = done(folder)
     shown = needed(table[table["group"].isin([*SETS, "colours-oriented"])],
                    "a run of unequal families that is done")
-    fig = figure(2.6)
+    fig = figure(2.7)
     ax = fig.add_subplot(xlabel="tiles of the larger family (%)")
     for group, (label, colour, dash, mark) in SETS.items():
         rows = given(table[table["group"] == group], folder, *FORTH, *BACK)
@@ -30,14 +30,16 @@ def make() -> Figure:
             continue
         larger, smaller = rows[list(FORTH)].sum(axis=1), rows[list(BACK)].sum(axis=1)
         rows = rows.assign(share=(100.0 * larger / (larger + smaller)).round(1))
-        points(ax, means(rows, "share"), SELF, label, color=colour, linestyle=dash, marker=mark)
+        # Hollow squares, larger than the discs, hide none of them.
+        points(ax, means(rows, "share"), SELF, label, color=colour, linestyle=dash, marker=mark,
+               **({"markersize": 6, "fillstyle": "none"} if mark == "s" else {}))
     balanced = table[table["group"] == "colours-oriented"]
     if not balanced.empty:
         at = means(balanced.assign(share=50.0), "share")
-        points(ax, at.set_index(at.index - 1.2), SELF, "one way round, a family a colour",
+        points(ax, at, SELF, "one way round, a family a colour",
                color=GREY, linestyle="", marker="^")
     ax.set(xlim=(47.0, 101.5), ylim=(0.0, max(1.08 * float(shown["size"].max()), 1.0)),
            ylabel=f"attached tiles after {seconds(shown)} s")
     ax.spines[["top", "right"]].set_visible(False)
-    fig.legend(loc="outside upper center")
+    fig.legend(loc="outside upper center", title=BARS, title_fontsize=7)
     return fig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from figures._data import BEYOND, DRIVES, LOOKS, done, means, needed, points, seconds
+from figures._data import BARS, BEYOND, DRIVES, LOOKS, done, means, needed, points, seconds
 from figures.style import figure
 from paper_runs.paper import SELF, SHAKING
 from paper_runs.tables import given
@@ -18,7 +18,7 @@ def make() -> Figure:
     table = done(DATA[0].parent)
     table = needed(table[table["group"] == "frequency"], "a run of the group frequency")
     table = given(table, DATA[0].parent, "drive.frequency")
-    fig = figure(2.5)
+    fig = figure(2.6)
     ax = fig.add_subplot(xscale="log", xlabel="frequency of the drive (Hz)",
                          ylabel=f"attached tiles after {seconds(table)} s")
     for drive, label in DRIVES.items():
@@ -36,5 +36,5 @@ def make() -> Figure:
                   [f"{each:g}" for each in sorted(set(table["drive.frequency"]))])
     ax.minorticks_off()
     ax.spines[["top", "right"]].set_visible(False)
-    fig.legend(loc="outside upper center", ncols=2)
+    fig.legend(loc="outside upper center", ncols=2, title=BARS, title_fontsize=7)
     return fig

@@ -66,5 +66,7 @@ def make() -> Figure:
                      arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.1})
     axes[-1].set_xlabel("time (s)")
     fig.align_ylabels(list(axes))
-    fig.legend(handles=[*handles[::2], *handles[1::2]], ncols=2, loc="outside upper center")
+    fig.legend(handles=[*handles[::2], *handles[1::2]], ncols=2, loc="outside upper center",
+               title="means over the runs; bands: one standard deviation to either side",
+               title_fontsize=7)
     return fig

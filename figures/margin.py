@@ -27,7 +27,7 @@ from theory.statics import Tiles
 RUNS = Path(__file__).parents[1] / "runs"
 DATA: tuple[Path, ...] = (RUNS / "shaking-1", RUNS / "self_stabilizing-1")
 RECORDS = 40  # of a run, evenly in time; a margin of 300 tiles takes seconds
-# Margins beyond are drawn there: those without bound, and the 0 of what has no state of rest.
+# Margins beyond are drawn there, hollow: those without bound, and the 0 of what cannot rest.
 BOTTOM, TOP = 0.1, 30.0
 
 
@@ -98,7 +98,7 @@ def margins(folder: str | Path, records: int = RECORDS) -> pd.DataFrame:
 
 
 def make(folders: Sequence[str | Path] = DATA) -> Figure:
-    """Margin against size, a panel for each run."""
+    """Margin against size, a panel for each run; hollow marks are off the scale."""
     fig = figure(2.6, 1.0 + 2.6 * len(folders))
     panels = fig.subplots(1, len(folders), sharey=True, squeeze=False)[0]
     for ax, folder in zip(panels, folders, strict=True):
@@ -110,11 +110,17 @@ def make(folders: Sequence[str | Path] = DATA) -> Figure:
             series.insert(1, ("no_torque", "tile by tile, no torque", ORANGE, "s"))
         ax.axhline(1.0, color="k", lw=0.6)
         for column, label, colour, marker in series:
-            ax.plot(table["size"], table[column].clip(BOTTOM, TOP), marker, color=colour,
-                    markersize=3, label=label, linestyle="none", clip_on=False)
+            inside = table[column].between(BOTTOM, TOP)
+            look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3,
+                                    "linestyle": "none", "clip_on": False}
+            ax.plot(table["size"], table[column].where(inside), label=label, **look)
+            if len(beyond := table[~inside]):
+                ax.plot(beyond["size"], beyond[column].clip(BOTTOM, TOP), **look,
+                        markerfacecolor="white")
         ax.set(yscale="log", xlabel="attached tiles")
         ax.set_title(drive, fontsize=8)
         ax.legend()
         ax.spines[["top", "right"]].set_visible(False)
     panels[0].set(ylabel="stability margin", ylim=(BOTTOM, TOP))
+    fig.supxlabel(f"hollow: above {TOP:g}, or below {BOTTOM:g}", fontsize=7)
     return fig

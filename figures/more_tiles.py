@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from figures._data import CAMPAIGN, DRIVES, LOOKS, MORE_TILES, done, needed, runs
+from figures._data import CAMPAIGN, DRIVES, LOOKS, MORE_TILES, done, needed
 from figures.style import GREY, figure
 from paper_runs.tables import curves, given
 
@@ -17,10 +19,11 @@ DATA = (MORE_TILES / "table.csv", MORE_TILES / "curves.csv")
 PAPER = 550
 COUNTS = ["free.counts.black", "free.counts.white"]
 LINES: dict[int, Any] = {PAPER: (0, (1, 1.2)), 1000: (0, (4, 1.5)), 2000: "-"}
+FEW = 5  # runs, up to which each has a line of its own instead of a band for all
 
 
 def make() -> Figure:
-    """A panel a drive: mean size against time for each number of free tiles, and its range."""
+    """A panel a drive: mean size against time for each number of free tiles, and its runs."""
     folder = DATA[0].parent
     table = given(needed(done(folder), "a run that is done"), folder, *COUNTS)
     table = table.assign(free=table[COUNTS].sum(axis=1).astype(int))
@@ -28,18 +31,27 @@ def make() -> Figure:
         (number, folder, rows) for number, rows in table.groupby("free")]
     if all((CAMPAIGN / path.name).exists() for path in DATA) and len(rows := done(CAMPAIGN)):
         parts.insert(0, (PAPER, CAMPAIGN, rows))
-    fig = figure(3.8)
+    fig = figure(4.2)
     axes = fig.subplots(len(DRIVES), 1, sharex=True, height_ratios=(1.7, 1))
     for ax, (drive, label) in zip(axes, DRIVES.items(), strict=True):
+        colour = LOOKS[drive][0]
         for number, source, rows in parts:
             mine = rows[rows["group"] == drive]
             if mine.empty:
                 continue
             time, sizes = curves(source, mine, "size")
-            colour, dash = LOOKS[drive][0], LINES.get(number, "-.")
-            ax.fill_between(time, sizes.min(axis=0), sizes.max(axis=0), color=colour, alpha=0.13,
-                            lw=0)
-            ax.plot(time, sizes.mean(axis=0), color=colour, linestyle=dash)
+            dash, n = LINES.get(number, "-."), len(mine)
+            if n > FEW:
+                ax.fill_between(time, sizes.min(axis=0), sizes.max(axis=0), color=colour,
+                                alpha=0.15, lw=0)
+            elif n > 1:
+                ax.add_collection(LineCollection(
+                    [list(zip(time, each, strict=True)) for each in sizes], colors=colour,
+                    linestyles=[dash], linewidths=0.5, alpha=0.6))
+            mean = sizes.mean(axis=0)
+            ax.plot(time, mean, color=colour, linestyle=dash)
+            ax.annotate(f"{number} ({n} run{'s' * (n > 1)})", (time[-1], mean[-1]), (3, 0),
+                        textcoords="offset points", fontsize=7, va="center", annotation_clip=False)
         ax.set(ylabel="attached tiles", ylim=(0.0, None))
         ax.set_xlim(0.0, max(float(rows["duration"].max()) for _, _, rows in parts))
         ax.set_title(label, fontsize=8)
@@ -47,6 +59,9 @@ def make() -> Figure:
     axes[-1].set_xlabel("time (s)")
     fig.align_ylabels(list(axes))
     fig.legend(handles=[Line2D([], [], color=GREY, linestyle=LINES.get(number, "-."),
-                               label=f"{number} free tiles, {runs(rows.groupby('group').size())}")
-                        for number, _, rows in parts], loc="outside upper center")
+                               label=f"{number} free tiles") for number, _, _ in parts]
+               + [Line2D([], [], color=GREY, label="thick: mean"),
+                  Line2D([], [], color=GREY, linewidth=0.5, label="thin: a run"),
+                  Patch(color=GREY, alpha=0.3, lw=0, label="smallest to largest run")],
+               loc="outside upper center", ncols=2)
     return fig

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import LineCollection
 from scipy import stats
 from synthetic import ending, tables
 from test_campaign import CAMPAIGN, SCENE, SHAKING
@@ -1144,7 +1145,9 @@ def drawn(script):
 
 def test_the_frequency_figure_has_the_mean_of_every_frequency(beyond):
     table = load(beyond / "beyond").query("group == 'frequency'")
-    (ax,) = drawn(frequency).axes
+    found = drawn(frequency)
+    (ax,) = found.axes
+    assert found.legends[0].get_title().get_text().startswith("means; bars from the smallest")
     for container, drive in zip(ax.containers, (SELF, SHAKEN), strict=True):
         line = container.lines[0]
         means = table[table["drive"] == drive].groupby("drive.frequency")["size"].mean()
@@ -1153,7 +1156,9 @@ def test_the_frequency_figure_has_the_mean_of_every_frequency(beyond):
 
 
 def test_the_families_figure_is_over_the_share_of_the_larger(beyond):
-    (ax,) = drawn(families).axes
+    found = drawn(families)
+    (ax,) = found.axes
+    assert found.legends[0].get_title().get_text().startswith("means; bars from the smallest")
     table = load(beyond / "beyond")
     for container, group in zip(ax.containers, ("families", "families-oriented"), strict=False):
         line = container.lines[0]
@@ -1161,6 +1166,13 @@ def test_the_families_figure_is_over_the_share_of_the_larger(beyond):
         means = table[table["group"] == group].groupby("free.counts.black")["size"].mean()
         np.testing.assert_allclose(line.get_ydata(), means)
     assert len(ax.containers) == 3
+    assert ax.containers[2].lines[0].get_xdata().tolist() == [50.0]  # a family a colour
+
+
+def test_growth_says_what_its_bands_are(beyond, monkeypatch):
+    monkeypatch.setattr(growth, "DATA", events.DATA)
+    title = drawn(growth).legends[0].get_title().get_text()
+    assert title == "means over the runs; bands: one standard deviation to either side"
 
 
 def test_growth_with_more_tiles_is_drawn_beside_the_papers(beyond):
@@ -1173,6 +1185,19 @@ def test_growth_with_more_tiles_is_drawn_beside_the_papers(beyond):
         table = table[table["group"] == drive]
         wanted += list(table.groupby("free.counts.black")["size"].mean())
         np.testing.assert_allclose(ends, wanted)
+        said = [text.get_text() for text in ax.texts]  # where each line ends
+        assert said == ["550 (36 runs)", "1000 (2 runs)", "2000 (2 runs)"]
+        # Few runs are drawn one by one: a band of two would be told from no other in grey.
+        assert [len(each.get_segments()) for each in ax.collections
+                if isinstance(each, LineCollection)] == [2, 2]
+
+
+def test_a_number_of_tiles_that_a_drive_has_no_runs_of_is_not_said_in_its_panel(beyond):
+    rewritten(beyond / "more_tiles" / "table.csv", lambda frame: frame[
+        (frame["group"] == SELF) | (frame["free.counts.black"] == 1000)])
+    ours, theirs = drawn(more_tiles).axes
+    assert len(ours.texts) == 3
+    assert [text.get_text() for text in theirs.texts] == ["550 (36 runs)", "2000 (2 runs)"]
 
 
 def test_without_the_campaign_there_are_the_larger_ones_only(beyond, monkeypatch):

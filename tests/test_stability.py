@@ -336,12 +336,18 @@ def test_margins_of_a_run_are_those_of_its_assembly(run):
     assert steered["net"].to_numpy() == pytest.approx([0.02, 0.02])  # the turned tile's share
 
 
-def test_margins_off_the_scale_are_drawn_at_its_ends(run, monkeypatch):
-    found = pd.DataFrame({"size": [1, 2, 3], "tiles": [0.0, 0.01, math.inf], "body": [1, 2, 3.0]})
+def test_margins_off_the_scale_are_drawn_at_its_ends_and_hollow(run, monkeypatch):
+    found = pd.DataFrame({"size": [1, 2, 3, 4], "tiles": [0.0, 0.01, math.inf, 2.0],
+                          "body": [1, 2, 3.0, 4.0]})
     monkeypatch.setattr(figure, "margins", lambda folder: found)
-    (ax,) = figure.make([run(Drive("shaking", force=0.01, frequency=0.33))]).axes
+    drawn = figure.make([run(Drive("shaking", force=0.01, frequency=0.33))])
+    (ax,) = drawn.axes
     line = next(line for line in ax.lines if line.get_label() == "tile by tile")
-    assert line.get_ydata() == pytest.approx([*ax.get_ylim()[:1] * 2, ax.get_ylim()[1]])
+    assert line.get_ydata() == pytest.approx([math.nan] * 3 + [2.0], nan_ok=True)
+    (hollow,) = (line for line in ax.lines if line.get_markerfacecolor() == "white")
+    assert hollow.get_xdata().tolist() == [1, 2, 3]
+    assert hollow.get_ydata() == pytest.approx([*ax.get_ylim()[:1] * 2, ax.get_ylim()[1]])
+    assert drawn.get_supxlabel() == "hollow: above 30, or below 0.1"
 
 
 def test_the_figure_has_a_panel_for_each_run(run):
