@@ -21,6 +21,8 @@ from tbsa.work.cli import main
 from tbsa.work.measurements import quantity, read
 from theory import fit as fitting
 from theory.fit import bootstrap, doubts, fit, halves, interval, models, profile, runs_test
+from theory.magnets import Law
+from theory.magnets import force as magnet_force
 from theory.permanent import coaxial_cylinders, parallel_cuboids
 
 ROOT = Path(__file__).parents[1]
@@ -157,7 +159,7 @@ def test_only_the_ratios_of_the_uncertainties_count_unless_they_are_absolute(los
     one, ten = (fit(LAW, R, force, k * 0.02 * TRUE, loss=loss, absolute=True) for k in (1, 10))
     rel = 1e-6 if loss == "linear" else 0.1  # the threshold is in uncertainties, the optimum moves
     assert ten.errors == pytest.approx(10 * one.errors, rel=rel)
-    if loss in ("linear", "huber"):
+    if loss == "linear":
         ends = [bootstrap(each, number=200)["alpha"] for each in (one, ten)]
         assert np.ptp(ends[1]) == pytest.approx(10 * np.ptp(ends[0]), rel=0.35)
 
@@ -180,8 +182,9 @@ def test_a_robust_loss_makes_little_of_an_outlier(loss):
     assert np.all(np.abs(robust.values - clean.values) < 0.3 * np.abs(plain.values - clean.values))
     assert np.all(robust.errors < 0.5 * plain.errors)
     assert np.isnan(robust.aicc)
-    with pytest.raises(ValueError, match="needs loss linear"):
-        interval(robust, "alpha")
+    for method in ("profile", "bootstrap"):
+        with pytest.raises(ValueError, match=f"a {method} needs loss linear: .*; use normal"):
+            interval(robust, "alpha", method)
 
 
 @pytest.mark.parametrize("loss", ["soft_l1", "cauchy"])
@@ -458,6 +461,16 @@ def test_the_halves_of_points_on_the_law_agree():
     assert halves(fit(LAW, R[:4], TRUE[:4] * [1, 1.1, 1, 1.1])) is None
 
 
+def test_repeats_of_a_distance_are_in_one_half():
+    rng = np.random.default_rng(17)
+    d = np.repeat(R[::2], 5)
+    found = fit(LAW, d, LAW.force(d, ALPHA, BETA) + 1e-3 * rng.standard_normal(d.size))
+    both = halves(found)
+    assert np.unique(both.near.distance) == pytest.approx(R[:8:2])
+    assert np.unique(both.far.distance) == pytest.approx(R[8::2])
+    assert both.near.distance.size + both.far.distance.size == d.size
+
+
 def test_parameters_that_the_points_do_not_tell_apart_are_named():
     """Far away only J^2 R^4 h^2 of a cylinder counts; near one distance only alpha/(r + beta)^2."""
     rng = np.random.default_rng(15)
@@ -678,14 +691,17 @@ def test_the_readme_shows_what_the_command_prints(tmp_path, monkeypatch, capsys)
     assert capsys.readouterr().out.startswith(shown)
 
 
-@given(st.sampled_from(["mm", "cm", "m"]), st.sampled_from(["N", "mN", "g"]),
-       st.sampled_from(["N", "mN", "g"]), st.sampled_from(["{} ({})", "{} [{}]", "{}_{}"]),
+SIZES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6,
+         "N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "gf": 9.80665e-3, "kgf": 9.80665}
+
+
+@given(st.sampled_from([*SIZES][:6]), st.sampled_from([*SIZES][6:]),
+       st.sampled_from([*SIZES][6:]), st.sampled_from(["{} ({})", "{} [{}]", "{}_{}"]),
        st.permutations([0, 1, 2]))
 @settings(deadline=None, max_examples=40)
 def test_units_brackets_and_order_of_columns_do_not_matter(tmp_path_factory, length, force, sd,
                                                           form, order):
-    sizes = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
-    columns = [R / sizes[length], TRUE / sizes[force], 0.01 * TRUE / sizes[sd]]
+    columns = [R / SIZES[length], TRUE / SIZES[force], 0.01 * TRUE / SIZES[sd]]
     head = [form.format("centre", length), form.format("Force", force), form.format("sd", sd)]
     path = tmp_path_factory.mktemp("units") / "data.csv"
     write(path, *(columns[k] for k in order), head=[head[k] for k in order])
@@ -736,6 +752,58 @@ def test_known_dimensions_go_to_every_model_that_has_them(here, capsys):
 def test_every_option_gives_a_fit(here, capsys, options):
     assert run("good.csv", "--inset", "1.5mm", *options) == 0
     assert re.search(r"(alpha|force) +[\d.]+ +[\d.]+ +[\d.]+ to [\d.]+", capsys.readouterr().out)
+
+
+def test_intervals_of_a_robust_loss_are_said_to_be_approximate(here, capsys):
+    assert run("good.csv", "--inset", "1.5mm") == 0
+    assert "approximate" not in capsys.readouterr().out
+    assert run("good.csv", "--inset", "1.5mm", "--loss", "huber") == 0
+    assert "intervals of a robust loss are approximate" in capsys.readouterr().out
+
+
+def test_uncertainties_that_are_too_large_are_doubted_where_they_are_taken_at_their_word(
+        here, capsys):
+    good = read("good.csv")
+    write(here / "wide.csv", 1000 * good.distance, good.force, 50 * good.sd)
+    assert run("wide.csv", "--inset", "1.5mm") == 0
+    assert "warning" not in capsys.readouterr().out
+    assert run("wide.csv", "--inset", "1.5mm", "--absolute") == 0
+    assert re.search(r"warning: the points lie nearer to the curve than their uncertainties let "
+                     r"expect, by 0\.0\d+ of these: they are too large", capsys.readouterr().out)
+
+
+def test_a_rival_whose_search_ended_at_a_bound_is_marked_and_not_recommended(here, capsys):
+    """Magnets of 200 mm: heights are searched to 100 mm."""
+    d = np.linspace(2, 30, 15)
+    force = models("gap")["cylinder"].force(1e-3 * d, 1.2, 8e-3, 0.2)
+    write(here / "long.csv", d, force * (1 + 0.01 * np.sin(70 * d)), 0.01 * force)
+    assert run("long.csv", "--inset", "1.5mm") == 0
+    out = capsys.readouterr().out
+    rows = {line.split()[0]: line for line in out.split("models\n")[1].splitlines() if line}
+    assert float(rows["law"].split()[3]) > 10 > float(rows["cylinder"].split()[3])
+    for name in ("cylinder", "cuboid"):
+        assert rows[name].endswith("height 100 mm (at bound)")
+        assert f"the {name} model describes" not in out
+
+
+def test_a_cut_off_that_takes_force_from_bonded_magnets_is_told_with_the_number(here, capsys):
+    scene = '[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n[magnet]\n'
+    for cutoff, less in (("3.1e-3", "81 %"), ("3.2e-3", "28 %"), ("3.4e-3", "")):
+        (here / "scene.toml").write_text(f"{scene}cutoff = {cutoff}\n")
+        assert run("good.csv", "--inset", "1.5mm", "--scene", "scene.toml") == 0
+        out = capsys.readouterr().out
+        assert ("warning: scene.toml: bonded magnets, 3 mm apart, pull with " in out) == bool(less)
+        assert f", {less} less than the fitted 0.2" in out or not less
+    write(here / "deep.csv", [1, 2, 3, 5, 8], [5, 4.6, 4.2, 3.7, 3])
+    assert run("deep.csv", "--inset", "14mm") == 0
+    out = capsys.readouterr().out
+    assert "warning: a scene: bonded magnets, 28 mm apart, pull with" in out
+    contact = float(re.search(r"pull with (\S+) N", out)[1])
+    section = tbsa.parse('[tiles]\nset = "chessboard"\n[material]\nwidth = 0.06\nmass = 0.1\n'
+                         '[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n'
+                         + (here / "fits/deep-law/magnet.toml").read_text()).magnet
+    law = Law(section.alpha, section.beta, cutoff=section.cutoff, switch=section.switch)
+    assert magnet_force(2 * section.inset, law) == pytest.approx(contact, rel=1e-3)
 
 
 def test_a_parameter_at_its_bound_is_named_in_all_that_is_written(here, capsys):
@@ -826,6 +894,8 @@ BAD = [  # (name, bytes of the file, what the message must say)
     ("underscores", (H + ROWS + "1_0,1,0.1\n").encode(), "line 5, gap: '1_0' must be a number"),
     ("a negative distance", (H + "-1,4,0.1\n" + ROWS).encode(),
      "line 2, gap: '-1' must be a number from 0"),
+    ("a force beyond all", b"gap (um),force (kgf)\n1,3\n2,2\n3,1e6\n",
+     "line 4, force: '1e6' must be a number from -101972 to 101972 kgf"),
     ("a distance of the moon", b"gap (m),force (N)\n1,3\n2,2\n384400000,1\n",
      "line 4, gap: '384400000' must be a number from 0 to 10 m"),
     ("no uncertainty", (H + ROWS + "4,1,0\n").encode(),
@@ -917,6 +987,8 @@ def test_a_file_that_cannot_be_read_is_one_clear_error(here, capsys):
     (["--inset", "1mm", "--bound", "beta=2mm:1mm"], "must be in rising order"),
     (["--inset", "0mm", "--model", "power"], "--model: 'power' cannot be fitted"),
     (["--inset", "1mm", "--loss", "huber", "--interval", "profile"], "--interval: 'profile'"),
+    (["--inset", "1mm", "--loss", "cauchy", "--interval", "bootstrap"],
+     "--interval: 'bootstrap' cannot be had: a bootstrap needs loss linear"),
     (["--inset", "1mm", "--unweighted", "--fix", "exponent=two"], "'two' must be a number"),
     (["--inset", "1mm", "--out", "good.csv"], "--out: 'good.csv' must be a folder"),
     (["--inset", "1mm", "--scene", "absent.toml"], "absent.toml: must be a TOML file"),
@@ -946,11 +1018,10 @@ def test_uncertainties_that_are_not_there_cannot_be_absolute(here, capsys):
         capsys, here, "bare.csv", "--inset", "1mm", "--absolute")
 
 
-@given(st.floats(1e-6, 1e3), st.sampled_from(["mm", "cm", "m"]), st.sampled_from(["", " "]))
+@given(st.floats(1e-6, 1e3), st.sampled_from([*SIZES][:6]), st.sampled_from(["", " "]))
 @settings(deadline=None, max_examples=50)
 def test_a_quantity_is_its_number_times_its_unit(number, unit, space):
-    size = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[unit]
-    assert quantity(f"{number!r}{space}{unit}", "m", "--x") == pytest.approx(number * size)
+    assert quantity(f"{number!r}{space}{unit}", "m", "--x") == pytest.approx(number * SIZES[unit])
     assert quantity("0", "m", "--x") == 0
 
 

@@ -464,14 +464,15 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
         its minimum by (t scale)^2 (Bates and Watts, Nonlinear Regression, 1988, 6.1); needs
         loss ``"linear"``.  An end that the bounds cut off is the bound.  ``"bootstrap"``:
         :func:`bootstrap`.  ``"normal"``: value -+ t standard errors, within the bounds; of
-        `Fit.inside` for a parameter that is not at one.
+        `Fit.inside` for a parameter that is not at one.  Of a robust loss it is approximate.
     level, number, seed
         Probability; number and random seed of the bootstrap.
 
     Raises
     ------
     ValueError
-        An unknown or fixed parameter or an unknown method; a profile of a robust loss.
+        An unknown or fixed parameter or an unknown method; a profile or a bootstrap of a robust
+        loss.
     """
     if name not in fit.model.names or not fit.free[fit.model.names.index(name)]:
         raise ValueError(f"{name} is not a free parameter of this fit")
@@ -487,7 +488,8 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
     if method != "profile":
         raise ValueError(f"method must be profile, bootstrap or normal, not {method!r}")
     if fit.loss != "linear":
-        raise ValueError("a profile needs loss linear: a robust loss has no likelihood")
+        raise ValueError("a profile needs loss linear: a robust loss has no likelihood; "
+                         "use normal")
     return _profile(fit, k, t, -1), _profile(fit, k, t, +1)
 
 
@@ -556,8 +558,13 @@ def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
     Raises
     ------
     ValueError
-        Where a parameter is at its bound: the estimates of resampled points pile up there.
+        A robust loss: an outlier that is drawn again is no outlier any more, as the scatter that it
+        is judged by is that of the points as they are.  And where a parameter is at its bound: the
+        estimates of resampled points pile up there.
     """
+    if fit.loss != "linear":
+        raise ValueError("a bootstrap needs loss linear: it would draw the outliers again, for any "
+                         "point; use normal")
     for name, end in zip(fit.model.names, fit.at_bound, strict=True):
         if end:
             raise ValueError(f"{name} is at its bound, where the bootstrap says nothing; "
@@ -635,13 +642,14 @@ class Halves(NamedTuple):
 def halves(fit: Fit) -> Halves | None:
     """Whether one set of parameters does for all distances: Chow's test.
 
-    None where a half would have no more points than parameters, and for a robust loss.
+    Points at one distance are in one half.  None where a half would have no more distances than
+    parameters, and for a robust loss.
     """
-    order = np.argsort(fit.distance, kind="stable")
     k = int(fit.free.sum())
-    parts = np.array_split(order, 2)
-    if fit.loss != "linear" or min(len(np.unique(fit.distance[part])) for part in parts) <= k:
+    sides = np.array_split(np.unique(fit.distance), 2)
+    if fit.loss != "linear" or min(map(len, sides)) <= k:
         return None
+    parts = [np.isin(fit.distance, side) for side in sides]
     near, far = (_solve(replace(fit, distance=fit.distance[part], force=fit.force[part],
                                 sd=None if fit.sd is None else fit.sd[part])) for part in parts)
     rest = near.dof + far.dof

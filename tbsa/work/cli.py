@@ -492,6 +492,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _fit(arguments: argparse.Namespace) -> int:
     from tbsa.model.records import write_atomically
+    from tbsa.model.scene import load
     from tbsa.work import fit
     from tbsa.work.measurements import read
 
@@ -503,7 +504,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
     if folder.exists() and not folder.is_dir():
         raise InputError("must be a folder", field="--out", value=str(folder))
-    files, refusal, scene = {}, "", arguments.scene
+    files, warnings, scene = {}, [], arguments.scene
     made = fit.into(scene, result) if scene is not None else b""
     mode = scene.stat().st_mode if scene is not None else 0o600
     if scene is not None and not (mode & 0o222 and os.access(scene, os.W_OK)
@@ -513,7 +514,9 @@ def _fit(arguments: argparse.Namespace) -> int:
         try:
             files[folder / "magnet.toml"] = fit.section(result).encode()
         except InputError as error:
-            refusal = f"warning: a scene does not take this law: {error}"
+            warnings.append(f"a scene does not take this law: {error}")
+        if cut := fit.fading(result, None if scene is None else load(scene)):
+            warnings.append(f"{'a scene' if scene is None else scene}: {cut}")
     text = fit.describe(result)
     files[folder / "fit.png"] = fit.picture(result)
     try:
@@ -528,7 +531,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     if scene is not None:  # last: it is not the fit's own, and stays as it was if those fail
         write_atomically(scene.resolve(), made)
         scene.chmod(stat.S_IMODE(mode))
-    print(text, *([refusal] if refusal else []), "", sep="\n")
+    print(text, *(f"warning: {each}" for each in warnings), "", sep="\n")
     print(f"written: {', '.join(map(str, [*files, *([scene] if scene is not None else [])]))}")
     return 0
 

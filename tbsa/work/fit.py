@@ -19,12 +19,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tbsa.errors import InputError
-from tbsa.model.scene import Magnet, load, parse
+from tbsa.model.scene import Magnet, Scene, load, parse
 from tbsa.work.measurements import LEAST, LENGTHS, Measurements, must_fall, quantity
 from theory import fit as fitting
 from theory.fit import Fit, Interval, Model
+from theory.magnets import Law, fade
 
 EXACT = ("cylinder", "cuboid")
+LAW = fitting.models()["law"]  # of the distance between the magnets' centres
 ROUNDING = 1e-9  # of a distance
 
 
@@ -237,6 +239,8 @@ def describe(result: Result) -> str:
         f"F = {main.model.formula}" if main.model.name not in EXACT else main.model.formula,
         *_indent(_table(["", "value", "error", "95 %", "unit"], _values(result))),
         f"  {weighted}, {main.loss} loss, {result.method} intervals; {scaled}",
+        *(["  intervals of a robust loss are approximate: with two outliers among twelve points "
+           "some 80 to 90 % hold the truth"] if main.loss != "linear" else []),
         *([f"  correlation {', '.join(f'{c:.3f}' for c in correlation)}"]
           if correlation.size and np.isfinite(correlation).all() else []),
         "",
@@ -330,7 +334,8 @@ def _comparison(result: Result) -> list[str]:
         values = []
         for k, parameter in enumerate(each.model.parameters):
             unit, size = _shown(parameter.unit, result.measured.unit)
-            values.append(f"{parameter.name} {each.values[k] / size:.4g} {unit}".rstrip())
+            values.append(f"{parameter.name} {each.values[k] / size:.4g} {unit}".rstrip()
+                          + " (at bound)" * bool(each.at_bound[k]))
         known = name in finite
         rows.append([name, f"{math.sqrt(float(np.mean(each.residuals**2))):.3g}",
                      f"{each.chi2 / each.dof:.3g}" if each.sd is not None else "-",
@@ -349,6 +354,10 @@ def _local(result: Result) -> list[str]:
     if main.sd is not None and main.p_value < 0.01:
         found.append(f"the curve misses the points by {math.sqrt(main.chi2 / main.dof):.3g} times "
                      "their uncertainty")
+    if main.absolute and main.p_value > 0.99:
+        found.append("the points lie nearer to the curve than their uncertainties let expect, by "
+                     f"{math.sqrt(main.chi2 / main.dof):.3g} of these: they are too large, and so "
+                     "are the errors; leave --absolute out")
     if runs.p_value < 0.05:
         found.append("the residuals have a pattern: the curve has another shape than the "
                      "measured force")
@@ -356,8 +365,10 @@ def _local(result: Result) -> list[str]:
         found.append(f"the {main.model.name} model is local: near and far halves ask for different "
                      "parameters; fit the range of use (--range)")
     if main.loss == "linear":
+        # Where a rival's search had to end at a bound, its points speak for no such magnet.
         rivals = {name: each.aicc for name, each in result.others.items()
-                  if isinstance(each, Fit) and math.isfinite(each.aicc)}
+                  if isinstance(each, Fit) and math.isfinite(each.aicc)
+                  and (each is main or not each.at_bound.any())}
         best = min(rivals, key=lambda name: rivals[name], default=main.model.name)
         if main.model.name in rivals and rivals[main.model.name] - rivals[best] > 10:
             found.append(f"the {best} model describes these points far better "
@@ -439,6 +450,23 @@ def section(result: Result) -> str:
     parse(f'[tiles]\nset = "chessboard"\n[material]\nwidth = {width!r}\nmass = {20 * width**2!r}\n'
           f'[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n{text}')
     return text
+
+
+def fading(result: Result, scene: Scene | None = None) -> str:
+    """What a scene's cut-off, or the default one, takes from the fitted law where tiles are bonded.
+
+    A scene's force fades out over the last part of its cut-off: one sentence where bonded magnets
+    are that far apart, and an empty text where they feel the fitted force.
+    """
+    magnet = (scene.magnet if scene is not None else None) or Magnet()
+    contact = 2 * (magnet.inset if result.inset is None else result.inset)
+    left = fade(contact, Law(cutoff=magnet.cutoff, switch=magnet.switch))
+    if left in (0.0, 1.0):  # without any force a scene is refused
+        return ""
+    force = float(LAW.force(np.array(contact), *result.main.values))
+    return (f"bonded magnets, {1e3 * contact:g} mm apart, pull with {left * force:.4g} N, "
+            f"{100 * (1 - left):.2g} % less than the fitted {force:.4g} N: forces fade out in the "
+            f"last {magnet.switch:g} of magnet.cutoff = {1e3 * magnet.cutoff:g} mm; make it longer")
 
 
 def _lines(result: Result) -> dict[str, str]:

@@ -17,15 +17,17 @@ from tbsa.errors import InputError
 
 Floats = NDArray[np.float64]
 
-LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-FORCES = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}  # g: the weight of a gram
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6}
+FORCES = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "gf": 9.80665e-3, "kgf": 9.80665}
+"""g and gf: the weight of a gram."""
+MICRO = {0xB5: "u", 0x3BC: "u"}  # the micro sign, and the Greek letter that looks like it
 UNITS: dict[str, dict[str, float]] = {  # of a quantity, by its SI unit
     "m": LENGTHS, "N": FORCES, "T": {"T": 1.0, "mT": 1e-3},
     "N m^2": {"Nm2": 1.0, "Ncm2": 1e-4, "Nmm2": 1e-6}, "": {"": 1.0}}
 COLUMNS = {"gap": "gap", "centre": "centre", "center": "centre", "distance": "distance",
            "force": "force", "sd": "sd", "sigma": "sd", "uncertainty": "sd"}
-HEADER = ("must be a header like  gap (mm),force (N),sd (N)  with gap, centre or distance in mm, "
-          "cm or m, force and perhaps sd in N, mN or g")
+HEADER = ("must be a header like  gap (mm),force (N),sd (N)  with gap, centre or distance in "
+          f"{', '.join(LENGTHS)}, force and perhaps sd in {', '.join(FORCES)}")
 LEAST = 3  # points, at as many distances
 MOST = 10_000
 SMALLEST = 1e-12  # N, of a mean force and of an uncertainty
@@ -46,9 +48,9 @@ def read(path: str | Path) -> Measurements:
     """Read force-distance measurements.
 
     The first line that is neither empty nor begins with ``#`` is the header: a column ``gap``,
-    ``centre`` or ``distance`` in mm, cm or m, one ``force`` in N, mN or g (the weight of a
-    gram), and perhaps one ``sd`` (standard deviation) in a unit of force; the unit is in
-    brackets or after an underscore, ``gap (mm)`` or ``gap_mm``.
+    ``centre`` or ``distance`` in one of `LENGTHS`, one ``force`` in one of `FORCES`, and perhaps
+    one ``sd`` (standard deviation) in a unit of force; the unit is in brackets or after an
+    underscore, ``gap (mm)`` or ``gap_mm``.
 
     Raises
     ------
@@ -79,8 +81,8 @@ def read(path: str | Path) -> Measurements:
             hint = "; use a decimal point and commas" if many else ""
             raise InputError(f"must have {len(columns)} values, as the header has columns; it has "
                              f"{len(row)}{hint}", file=file, field=line)
-        for (name, _, scale), cell in zip(columns, row, strict=True):
-            values[name].append(_value(name, cell, scale, file, line))
+        for (name, unit, scale), cell in zip(columns, row, strict=True):
+            values[name].append(_value(name, cell, unit, scale, file, line))
     data = {name: np.array(column) for name, column in values.items()}
     kind, unit = next((name, unit) for name, unit, _ in columns if unit in LENGTHS)
     measured = Measurements(file, kind, unit, data[kind], data["force"], data.get("sd"))
@@ -116,7 +118,7 @@ def _header(head: Sequence[str], file: str, line: str) -> list[tuple[str, str, f
         if match is None or name is None:
             fail(title, HEADER)
         units = FORCES if name in ("force", "sd") else LENGTHS
-        unit = (match["a"] or match["b"] or match["c"] or "").strip()
+        unit = (match["a"] or match["b"] or match["c"] or "").strip().translate(MICRO)
         if unit not in units:
             fail(title, f"must have its unit, one of {', '.join(units)}, such as "
                  f"{name} ({next(iter(units))})")
@@ -129,11 +131,11 @@ def _header(head: Sequence[str], file: str, line: str) -> list[tuple[str, str, f
     return columns
 
 
-def _value(name: str, cell: str, scale: float, file: str, line: str) -> float:
+def _value(name: str, cell: str, unit: str, scale: float, file: str, line: str) -> float:
     """A cell as SI, within what its column allows."""
-    high, unit = (1e6, "N") if name in ("force", "sd") else (10.0, "m")
+    high = 1e6 if name in ("force", "sd") else 10.0
     low = {"force": -high, "sd": SMALLEST}.get(name, 0.0)
-    what = f"must be a number from {low / scale:g} to {high / scale:g} {_name_of(unit, scale)}"
+    what = f"must be a number from {low / scale:g} to {high / scale:g} {unit}"
     try:
         value = float(cell) * scale if "_" not in cell else math.nan
     except ValueError:
@@ -141,11 +143,6 @@ def _value(name: str, cell: str, scale: float, file: str, line: str) -> float:
     if not low <= value <= high:
         raise InputError(what, file=file, field=f"{line}, {name}", value=cell)
     return value
-
-
-def _name_of(unit: str, scale: float) -> str:
-    return next(name for name, size in (FORCES if unit == "N" else LENGTHS).items()
-                if size == scale)
 
 
 def _judge(measured: Measurements) -> None:
@@ -204,7 +201,7 @@ def quantity(text: str, unit: str, field: str) -> float:
         number = float(match[1]) if match else math.nan
     except ValueError:
         number = math.nan
-    name = match[2] if match else ""
+    name = match[2].translate(MICRO) if match else ""
     if not math.isfinite(number) or (name not in units and not (number == 0 and name == "")):
         allowed = f"a number with its unit, {', '.join(units)}" if unit else "a number"
         raise InputError(f"must be {allowed}", field=field, value=text)
