@@ -24,6 +24,8 @@ from tbsa.work import campaign as campaigns
 from tbsa.work import cli
 from tbsa.work.cli import main
 from tbsa.work.plan import changed
+from theory.floor import MEAN_DISTANCE
+from theory.magnets import Law, force
 
 ROOT = Path(__file__).parents[1]
 SCENE = """
@@ -292,6 +294,39 @@ def test_check_tells_what_the_drive_cannot_do(here, capsys):
     out = checked(capsys, SCENE.replace("force = 0.1", "force = 0.03").replace("3e-3", "0.0"))
     assert "it does not move a lone tile" in out
     assert "the drive has no torque" in out
+
+
+def test_check_has_the_force_of_a_bond_that_the_cut_off_leaves(here, capsys):
+    out = checked(capsys, SCENE.replace("[magnet]", "[magnet]\ncutoff = 0.0031"))
+    left = force(3e-3, Law(cutoff=3.1e-3, switch=0.1))
+    assert f"{left:.4g} N between the two magnets of a bond" in out
+
+
+@pytest.mark.parametrize(("law", "drive", "words"), [
+    # (F/F_max)^2 + (T/T_max)^2 = 1.37, each below 1
+    ("coupled", "unicycle", "torque 0.9 x, both together 1.17 x: they move a lone tile at rest"),
+    ("coupled", "constant", "together 1.17 x: they move a lone tile at rest"),
+    ("coupled", "unicycle 0.8", "together 0.937 x: they do not move a lone tile at rest"),
+    # On the exact set both together are 1.05 to 1.06 times what they are on the ellipsoid.
+    ("exact", "unicycle 0.8", "together 0.994 x: they do not move a lone tile at rest"),
+    ("exact", "unicycle 0.81", "together 1.01 x: they move a lone tile at rest"),
+    ("exact", "constant 0.8036", "together 0.998 to 1 x: its angle decides whether they move a lone"),
+    ("exact", "constant 0.7", "they do not move a lone tile at rest"),
+])
+def test_check_judges_force_and_torque_together_where_the_floor_has_one_bound(
+        here, capsys, law, drive, words):
+    kind, _, part = drive.partition(" ")
+    bound = 0.25 * 0.016 * 9.81
+    torque = 0.9 * float(part or 1.0) * MEAN_DISTANCE * bound * 0.03
+    size = 0.75 * float(part or 1.0) * bound
+    load = repr(size) if kind == "unicycle" else f"[{-0.6 * size!r}, {0.8 * size!r}]"
+    start, end = SCENE.index("[drive]"), SCENE.index("[floor]")
+    rest = SCENE[end:].replace("[floor]", f'[floor]\nlaw = "{law}"')
+    frequency = "frequency = 0.5\n" * (kind == "unicycle")
+    out = checked(capsys, f'{SCENE[:start]}[drive]\nkind = "{kind}"\nforce = {load}\n'
+                  f"torque = {torque!r}\n{frequency}{rest}")
+    assert words in out
+    assert out.count("a lone tile at rest") == 1
 
 
 def test_check_of_a_set_without_traps(here, capsys):

@@ -142,6 +142,31 @@ def test_ellipsoid_is_near_the_exact_law():
     assert 0.15 < max(torque_gap) <= 0.17
 
 
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, math.pi / 2.0))
+@settings(deadline=None, max_examples=8)
+def test_the_share_of_a_load_is_the_most_that_any_twist_makes_of_it(across, twist, mix):
+    """Against all twists, in closed form; other directions lie between these two."""
+    def most(angle):
+        load = np.array([force * math.cos(angle), force * math.sin(angle), torque])
+
+        def ratio(n):
+            return -(n @ load) / square_friction(*n)[0]
+
+        return -minimize(ratio, load / [1.0, 1.0, TORQUE**2], method="Nelder-Mead",
+                         options={"xatol": 1e-8, "fatol": 1e-12}).fun
+
+    force, torque = math.cos(mix), TORQUE * math.sin(mix)
+    low, high = (truth.share(force, torque, angle) for angle in (0.0, math.pi / 4.0))
+    assert low == pytest.approx(most(0.0), rel=1e-7)
+    assert high == pytest.approx(most(math.pi / 4.0), rel=1e-7)
+    assert low - 1e-7 <= most(across * math.pi / 4.0) <= high + 1e-7
+    assert 1.0 - 1e-9 <= low <= high + 1e-9 <= 1.0 / 0.9337 + 1e-9
+    assert truth.share(-force, -torque, 0.0) == low
+    twisted = math.cos(twist), 0.0, math.sin(twist) / TORQUE
+    on = truth.wrench(*twisted, 1.0)  # what friction can give, and no more
+    assert truth.share(on[0], on[2], 0.0) == pytest.approx(1.0, abs=1e-8)
+
+
 # Stopping.
 
 

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 # Mean distance of a unit square's points from its centre: T_max/(F_max w) = 0.382598.
 MEAN_DISTANCE = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0
@@ -76,6 +77,35 @@ def wrench(vx: float, vy: float, omega: float, width: float) -> tuple[float, flo
     fx, fy = -float(np.sum(weight * ux)), -float(np.sum(weight * uy))
     torque = -float(np.sum(weight * (x[:, None] * uy - y[None, :] * ux)))
     return fx, fy, width * torque
+
+
+def share(force: float, torque: float, angle: float) -> float:
+    """On which multiple of the limit surface under uniform pressure a load lies; at rest up to 1.
+
+    Parameters
+    ----------
+    force, torque : float
+        Per mu m g and mu m g w, of any sign.
+    angle : float
+        Of the force, from an edge's normal (rad): 0 or pi/4.  These are the least and the greatest
+        share of all directions.
+
+    Notes
+    -----
+    The set of what the floor can bear is where every twist dissipates at least what the load
+    would do on it, so that the share is the greatest ratio of the two.  Both directions are axes
+    of symmetry of the square: the twist that decides moves along the force.
+    """
+    along, turning = abs(force), abs(torque)
+    x, y = math.cos(angle), math.sin(angle)
+
+    def ratio(part: float) -> float:
+        v, spin = math.cos(part), math.sin(part) / MEAN_DISTANCE
+        fx, fy, friction = wrench(v * x, v * y, spin, 1.0)
+        return (along * v + turning * spin) / (v * (fx * x + fy * y) + spin * friction)
+
+    return -float(minimize_scalar(ratio, bounds=(0.0, 0.5 * math.pi), method="bounded",
+                                  options={"xatol": 1e-9}).fun)
 
 
 def ellipsoid_wrench(vx: float, vy: float, omega: float,

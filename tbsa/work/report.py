@@ -14,6 +14,9 @@ from tbsa.model.layout import Layout, initial_layout
 from tbsa.model.scene import EDGES, Drive, Scene
 from tbsa.model.simulation import floor_limits
 from tbsa.model.tiles import check, ground_truth
+from theory.floor import MEAN_DISTANCE, share
+from theory.magnets import Law
+from theory.magnets import force as magnet_force
 
 ROWS = 40  # of the table of wrong tiles; the most dangerous come first
 
@@ -198,7 +201,8 @@ def _magnets(scene: Scene) -> list[str]:
     magnet = scene.magnet
     if magnet is None:
         return ["none: tiles do not bond"]
-    contact = magnet.alpha / (2 * magnet.inset + magnet.beta) ** 2
+    law = Law(magnet.alpha, magnet.beta, cutoff=magnet.cutoff, switch=magnet.switch)
+    contact = magnet_force(2 * magnet.inset, law)
     other = "repels" if magnet.mismatch else "does nothing"
     return [f"{contact:.4g} N between the two magnets of a bond, none beyond {magnet.cutoff:g} m; "
             f"what does not attract {other}"]
@@ -221,14 +225,35 @@ def _floor(scene: Scene) -> list[str]:
     floor, drive = scene.floor, scene.drive
     if floor is None:
         return ["no friction"]
-    force, torque = floor_limits(scene)
-    lines = [f"{floor.law} friction, at most {force:.4g} N and {torque:.4g} N m on a tile"]
-    if drive is not None and drive.kind != "user":
-        most = math.hypot(*drive.force) if isinstance(drive.force, tuple) else drive.force
-        lines.append(_against("force", most, force, "move"))
-        if drive.kind != "shaking":
-            lines.append(_against("torque", abs(drive.torque), torque, "turn"))
+    limit, torque = floor_limits(scene)
+    lines = [f"{floor.law} friction, at most {limit:.4g} N and {torque:.4g} N m on a tile"]
+    if drive is None or drive.kind == "user":
+        return lines
+    most = math.hypot(*drive.force) if isinstance(drive.force, tuple) else drive.force
+    turning = abs(drive.torque)
+    if floor.law != "separate" and min(most, turning, limit, torque) > 0.0:
+        return [*lines, _together(floor.law, most / limit, turning / torque, drive.kind)]
+    lines.append(_against("force", most, limit, "move"))
+    if drive.kind != "shaking":
+        lines.append(_against("torque", turning, torque, "turn"))
     return lines
+
+
+def _together(law: str, force: float, torque: float, drive: str) -> str:
+    """A verdict on force and torque at once, each as a multiple of the floor's bound, where these
+    are one: of a unicycle along a forward edge's normal, of a constant load in any direction."""
+    ends = [math.hypot(force, torque)]
+    if law == "exact":
+        angles = (0.0, 0.25 * math.pi) if drive == "constant" else (0.0,)
+        ends = sorted(share(force, torque * MEAN_DISTANCE, angle) for angle in angles)
+    size = " to ".join(dict.fromkeys(f"{end:.3g}" for end in ends))
+    verdict = "they move a lone tile at rest"
+    if ends[-1] <= 1.0:
+        verdict = "they do not move a lone tile at rest"
+    elif ends[0] <= 1.0:
+        verdict = "its angle decides whether they move a lone tile at rest"
+    return (f"the drive's force is {force:.3g} x the floor's, its torque {torque:.3g} x, both "
+            f"together {size} x: {verdict}")
 
 
 def _against(what: str, load: float, limit: float, verb: str) -> str:
