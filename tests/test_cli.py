@@ -21,7 +21,7 @@ from malformed import MALFORMED
 import tbsa
 from tbsa.model import records, simulation
 from tbsa.work import campaign as campaigns
-from tbsa.work import cli
+from tbsa.work import cli, metrics
 from tbsa.work.cli import main
 from tbsa.work.plan import changed
 from theory.floor import MEAN_DISTANCE
@@ -290,6 +290,14 @@ def test_a_title_that_the_terminal_cannot_show_is_printed_all_the_same(here):
     assert found.stdout.startswith("Gr\\xf6\\xdfe\n")
 
 
+def test_check_escapes_what_a_terminal_would_obey(here, capsys):
+    out = checked(capsys, SCENE.replace("A small reactor", "red \\u001b[31m\\r\\u009b2J, \u00e9"))
+    assert out.startswith("red \\x1b[31m\\r\\x9b2J, \u00e9\nscene.toml\n")
+    (here / "scene.toml").write_text('"\\u001b[31m" = 1\n' + SCENE)
+    assert "scene.toml: \\x1b[31m: 1 is under an unknown key" in refused(
+        capsys, here, "check", "scene.toml")
+
+
 def test_check_tells_what_the_drive_cannot_do(here, capsys):
     out = checked(capsys, SCENE.replace("force = 0.1", "force = 0.03").replace("3e-3", "0.0"))
     assert "it does not move a lone tile" in out
@@ -310,7 +318,7 @@ def test_check_has_the_force_of_a_bond_that_the_cut_off_leaves(here, capsys):
     # On the exact set both together are 1.05 to 1.06 times what they are on the ellipsoid.
     ("exact", "unicycle 0.8", "together 0.994 x: they do not move a lone tile at rest"),
     ("exact", "unicycle 0.81", "together 1.01 x: they move a lone tile at rest"),
-    ("exact", "constant 0.8036", "together 0.998 to 1 x: its angle decides whether they move a lone"),
+    ("exact", "constant 0.8036", "together 0.998 to 1 x: its angle decides whether they move a"),
     ("exact", "constant 0.7", "they do not move a lone tile at rest"),
 ])
 def test_check_judges_force_and_torque_together_where_the_floor_has_one_bound(
@@ -632,6 +640,11 @@ def test_a_scene_edited_in_the_runs_folder_is_refused(run, here, capsys):
     (["draw", "run", "--out", "now.gif"], "tbsa: --out: 'now.gif' must end in"),
     (["movie", "run", "--rate", "0"], "tbsa: --rate: 0.0 must be from 0.1 to 50"),
     (["movie", "run", "--from", "2", "--to", "1"], "tbsa: --to: 1.0 must not be before"),
+    (["movie", "run", "--from", "99"], "tbsa: --from: 99.0 is not recorded: this run holds"),
+    (["view", "run", "--to", "99"], "tbsa: --to: 99.0 is not recorded: this run holds 0 to 2 s"),
+    (["metrics", "run", "--out", "run/records.npy"],
+     "--out: 'run/records.npy' must be another file: it is the run's own"),
+    (["metrics", "run", "--out", "run/../run/run.json"], "must be another file: it is the run's"),
     (["view", "run", "--every", "0"], "tbsa: --every: 0 must be at least 1"),
     (["metrics", "run", "--out", "no/where.csv"], "no: is not a folder"),
     (["metrics", "run", "--out", "."], "--out: '.' must be a file, and is a folder"),
@@ -699,6 +712,59 @@ def test_a_disk_that_fills_up_later_names_the_file_and_how_to_go_on(here, capsys
 def test_what_may_not_be_written_is_not_drawn(run, here, capsys, monkeypatch, command):
     monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "run")
     assert "must be in a folder that may be written" in refused(capsys, here, command, "run")
+
+
+@pytest.mark.parametrize("command", ["metrics", "draw", "movie", "view", "export"])
+def test_an_output_file_that_leads_to_one_of_a_runs_own_is_refused(run, here, capsys, command):
+    ending = {"metrics": "csv", "draw": "png", "movie": "mp4", "view": "html", "export": "gsd"}
+    link = here / f"link.{ending[command]}"
+    link.symlink_to("run/records.npy")
+    assert f"tbsa: --out: '{link.name}' must be another file: it is the run's own" in refused(
+        capsys, here, command, "run", "--out", link.name)
+
+
+def test_files_of_a_campaign_are_not_replaced(run, here, capsys):
+    (here / "campaign.json").write_text("{}")
+    assert "--out: 'table.csv' must be another file: it is the campaign's own" in refused(
+        capsys, here, "metrics", "run", "--out", "table.csv")
+    assert main(["metrics", "run", "--out", "tables.csv"]) == 0
+
+
+@pytest.mark.parametrize(("command", "ending"), [
+    ("metrics", "csv"), ("draw", "svg"), ("movie", "mp4"), ("view", "html"), ("export", "gsd")])
+def test_what_is_no_regular_file_stays_what_it_is(run, here, capsys, command, ending):
+    """A link leads to where it did, a pipe gets what a file would."""
+    plain, link, pipe = (here / f"{name}.{ending}" for name in ("plain", "link", "pipe"))
+    (here / "far").mkdir()
+    (here / "far" / "old").write_bytes(b"old")
+    link.symlink_to("far/old")
+    assert main([command, "run", "--out", plain.name]) == 0
+    assert main([command, "run", "--out", link.name]) == 0
+    assert link.is_symlink()
+    assert (here / "far" / "old").read_bytes() == plain.read_bytes()
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
+        assert main([command, "run", "--out", pipe.name]) == 0
+        assert reader.communicate()[0] == plain.read_bytes()
+    assert pipe.is_fifo()
+    assert {path.name for path in here.iterdir()} == {
+        "scene.toml", "run", "far", plain.name, link.name, pipe.name}
+
+
+def test_all_files_have_the_same_mode(run, here, capsys):
+    for command in ("metrics", "draw", "view", "export", "movie"):
+        assert main([command, "run"]) == 0
+    assert {path.stat().st_mode for path in (here / "run").iterdir()} == {
+        (here / "scene.toml").stat().st_mode}
+
+
+@pytest.mark.parametrize("command", ["movie", "view", "export"])
+def test_the_ground_truth_is_grown_once_for_all_records(run, capsys, monkeypatch, command):
+    calls = []
+    grow = metrics.ground_truth
+    monkeypatch.setattr(metrics, "ground_truth", lambda scene: calls.append(1) or grow(scene))
+    assert main([command, "run"]) == 0
+    assert len(calls) == (2 if command == "movie" else 1)  # a film looks for its colours first
 
 
 def test_a_table_that_cannot_be_written_is_named(run, capsys, monkeypatch):

@@ -90,6 +90,19 @@ def test_a_film_has_a_picture_of_every_record_in_their_order(tmp_path, name):
     assert [path.name for path in tmp_path.iterdir()] == [name if name != "RUN.GIF" else "run.gif"]
 
 
+@pytest.mark.parametrize("rate", [0.7, 15.0, 24.0, 40.0, 50.0])
+def test_a_gif_keeps_its_rate_though_it_counts_in_10_ms(tmp_path, rate):
+    movie(records(count=13), tmp_path / "run.gif", rate=rate, size=200)
+    with Image.open(tmp_path / "run.gif") as film:
+        lasts = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            lasts.append(film.info["duration"])
+    assert len(lasts) == 13
+    assert sum(lasts) == pytest.approx(13_000 / rate, abs=5.0)
+    assert max(lasts) - min(lasts) <= 10
+
+
 def test_part_of_a_run_is_chosen_by_time_and_by_how_many_records_are_left_out(tmp_path):
     run = records(count=21)
     for options, times in (({"begin": 4.9, "end": 11.2}, range(5, 12)),
@@ -155,7 +168,7 @@ def test_what_ffmpeg_says_is_passed_on(tmp_path, monkeypatch):
     ({"size": 199}, "size: 199 must be from 200 to 3840"),
     ({"every": 0}, "every: 0 must be at least 1"),
     ({"begin": 3.0, "end": 2.0}, "end: 2.0 must not be before the beginning, 3 s"),
-    ({"end": 7.0}, "time: 7.0 is not recorded: this run holds 0 to 5 s"),
+    ({"end": 7.0}, "end: 7.0 is not recorded: this run holds 0 to 5 s"),
 ])
 def test_options_out_of_their_bounds_are_refused(tmp_path, options, words):
     with pytest.raises(InputError, match=words):
@@ -303,7 +316,7 @@ duration = 0.5
     before = sorted(tmp_path.rglob("*"))
     for arguments, words in (
             (["movie", "run", "--out", "a.avi"], "must end in .gif, .mp4"),
-            (["movie", "run", "--to", "0.6"], "time: 0.6 is not recorded"),
+            (["movie", "run", "--to", "0.6"], "--to: 0.6 is not recorded"),
             (["movie", "run", "--out", "no/a.gif"], "must be in a folder that exists"),
             (["movie", "run", "--out", 250 * "x" + ".gif"], "must be a path that can be written"),
             (["view", "run", "--out", "a.htm"], "must end in .html"),

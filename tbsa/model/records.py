@@ -19,8 +19,10 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -59,8 +61,8 @@ class Records:
     vy: NDArray[np.float64]
     omega: NDArray[np.float64]
 
-    def at(self, time: float) -> int:
-        """Index of the record nearest to `time` (s).
+    def at(self, time: float, field: str = "time") -> int:
+        """Index of the record nearest to `time` (s); an error names `field`.
 
         Raises
         ------
@@ -70,7 +72,7 @@ class Records:
         first, last = self.time[0], self.time[-1]
         if not first - 1e-9 <= time <= last + 1e-9:
             raise InputError(f"is not recorded: this run holds {first:g} to {last:g} s",
-                             field="time", value=time)
+                             field=field, value=time)
         return int(np.argmin(np.abs(self.time - time)))
 
     def chosen(self, begin: float | None, end: float | None, every: int) -> Sequence[int]:
@@ -81,8 +83,8 @@ class Records:
         InputError
             Where a time is not recorded, the end before the beginning, or `every` not positive.
         """
-        first = 0 if begin is None else self.at(begin)
-        last = self.time.size - 1 if end is None else self.at(end)
+        first = 0 if begin is None else self.at(begin, "begin")
+        last = self.time.size - 1 if end is None else self.at(end, "end")
         if last < first:
             raise InputError(f"must not be before the beginning, {self.time[first]:g} s",
                              field="end", value=end)
@@ -100,18 +102,58 @@ def naming(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file by `data` or leave it as it was."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+@contextlib.contextmanager
+def replacing(path: Path, ending: str = "") -> Iterator[Path]:
+    """A scratch file, its name ending so, that takes the place of `path` unless there is an error.
+
+    A link stays, and what it leads to is replaced.  What is there and is no regular file, such as a
+    pipe, gets the bytes.
+    """
     with naming(path):
+        if path.exists() and not path.is_file():
+            with tempfile.TemporaryDirectory() as folder:
+                scratch = Path(folder, f"scratch{ending}")
+                yield scratch
+                with open(scratch, "rb") as source, open(path, "wb") as stream:
+                    shutil.copyfileobj(source, stream)
+            return
+        place = Path(os.path.realpath(path))
+        scratch = place.with_name(f".{place.name}.{os.getpid()}{ending}")
         try:
-            with open(scratch, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(scratch, path)
+            yield scratch
+            os.replace(scratch, place)
         finally:
             scratch.unlink(missing_ok=True)
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace a file by `data` or leave it as it was; see :func:`replacing`."""
+    with replacing(path) as scratch, open(scratch, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+OWN = {  # files that a folder depends on, by the one that tells what it is the folder of
+    "run.json": ("run", ("scene.toml", "run.json", "layout.npz", "records.npy", "checkpoint.npz",
+                         "drive.py")),
+    "campaign.json": ("campaign", ("campaign.json", "table.csv", "curves.csv", "wall.csv")),
+}
+
+
+def check_not_own(path: Path, field: str) -> None:
+    """A file to be written is none that a run or a campaign depends on.
+
+    Raises
+    ------
+    InputError
+        Where it is one, or leads to one.
+    """
+    place = Path(os.path.realpath(path))
+    for mark, (what, names) in OWN.items():
+        if place.name in names and (place.parent / mark).exists():
+            raise InputError(f"must be another file: it is the {what}'s own", field=field,
+                             value=str(path))
 
 
 def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:

@@ -410,7 +410,7 @@ class Bar:
 
 
 def _metrics(arguments: argparse.Namespace) -> int:
-    from tbsa.model.records import read_run, write_atomically
+    from tbsa.model.records import check_not_own, read_run, write_atomically
     from tbsa.work.metrics import table
 
     records = read_run(arguments.run)
@@ -419,6 +419,7 @@ def _metrics(arguments: argparse.Namespace) -> int:
         raise InputError("is not a folder", file=str(out.parent))
     if out.is_dir():
         raise InputError("must be a file, and is a folder", field="--out", value=str(out))
+    check_not_own(out, "--out")
     frame = table(records.scene, records.layout, records.time, records.x, records.y,
                   records.angle)
     write_atomically(out, frame.to_csv(index=False).encode())
@@ -491,7 +492,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    from tbsa.model.records import write_atomically
+    from tbsa.model.records import check_not_own, write_atomically
     from tbsa.model.scene import load
     from tbsa.work import fit
     from tbsa.work.measurements import read
@@ -510,6 +511,8 @@ def _fit(arguments: argparse.Namespace) -> int:
     if scene is not None and not (mode & 0o222 and os.access(scene, os.W_OK)
                                   and os.access(scene.resolve().parent, os.W_OK)):
         raise InputError("must be a file that may be written", file=str(scene), field="--scene")
+    if scene is not None:
+        check_not_own(scene, "--scene")
     if arguments.model == "law":
         try:
             files[folder / "magnet.toml"] = fit.section(result).encode()
@@ -529,7 +532,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     if folder / "magnet.toml" not in files:
         (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
     if scene is not None:  # last: it is not the fit's own, and stays as it was if those fail
-        write_atomically(scene.resolve(), made)
+        write_atomically(scene, made)
         scene.chmod(stat.S_IMODE(mode))
     print(text, *(f"warning: {each}" for each in warnings), "", sep="\n")
     print(f"written: {', '.join(map(str, [*files, *([scene] if scene is not None else [])]))}")

@@ -26,10 +26,19 @@ from matplotlib.transforms import Affine2D, AffineDeltaTransform
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
-from tbsa.model.records import write_atomically
+from tbsa.model.records import check_not_own, write_atomically
 from tbsa.model.scene import EDGES, Scene
 from tbsa.model.squares import lattice
-from tbsa.work.metrics import CORNERS, EDGE_ANGLE, Assembly, Floats, Mask, assembly
+from tbsa.model.tiles import Growth
+from tbsa.work.metrics import (
+    CORNERS,
+    EDGE_ANGLE,
+    Assembly,
+    Floats,
+    Mask,
+    assembly,
+    truth_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,6 +89,7 @@ def draw(
     bonds: bool = True,
     headings: bool = True,
     metrics: bool = True,
+    truth: Growth | None = None,
 ) -> Figure:
     """Draw one record, into a file if `path` is given.
 
@@ -100,6 +110,8 @@ def draw(
     glues, bonds, headings, metrics
         Draw glue labels; a bar across every bond; a triangle towards the forward edge of every
         driven tile; the assembly, its errors and its metrics (without, all tiles look alike).
+    truth
+        As in :func:`tbsa.work.metrics.assembly`.
 
     Raises
     ------
@@ -111,7 +123,7 @@ def draw(
     panel = own.add_subplot() if own is not None else ax
     assert panel is not None
     record = Snapshot(layout, x, y, angle, time)
-    count = _panel(panel, scene, record, glues, bonds, headings, metrics)
+    count = _panel(panel, scene, record, glues, bonds, headings, metrics, truth)
     if own is not None:
         own.legend(handles=_handles(count, True), **OUTSIDE)
     elif count:
@@ -155,8 +167,9 @@ def sheet(
     figure = Figure(figsize=(3.6 * columns, 4.0 * rows + 0.4), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).flat
     marked: dict[str, int] = {}
+    truth = truth_of(scene)
     for k, panel in enumerate(panels):
-        marked |= _panel(axes[k], scene, panel, glues, bonds, headings, metrics)
+        marked |= _panel(axes[k], scene, panel, glues, bonds, headings, metrics, truth)
         axes[k].label_outer()
         axes[k].set_title(axes[k].get_title(), fontsize="medium")
     for ax in axes[len(panels) :]:
@@ -231,11 +244,12 @@ def _panel(
     bonds: bool,
     headings: bool,
     metrics: bool,
+    truth: Growth | None = None,
 ) -> dict[str, int]:
     """One record in one pair of axes; how many there are of each of `MARKS` that occurs."""
     layout, time = record.layout, record.time
     colour = colours(scene)[layout.type]
-    found = assembly(scene, layout, record.x, record.y, record.angle)
+    found = assembly(scene, layout, record.x, record.y, record.angle, truth)
     x, y, angle = (np.asarray(each, dtype=np.float64) for each in record[1:4])
     member = found.attached | found.seed if metrics else np.ones_like(found.seed)
 
@@ -509,6 +523,7 @@ def target(path: str | Path, formats: tuple[str, ...] = FORMATS) -> Path:
         raise InputError("must be a file, and is a folder", field="path", value=str(path))
     if not os.access(path.parent, os.W_OK):
         raise InputError("must be in a folder that may be written", field="path", value=str(path))
+    check_not_own(path, "path")
     return path
 
 

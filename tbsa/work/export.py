@@ -5,7 +5,6 @@ OVITO shows such a file as it is, with the tiles as squares; freud, MDAnalysis a
 
 from __future__ import annotations
 
-import os
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from tbsa.errors import InputError
-from tbsa.model.records import Records, naming
+from tbsa.model.records import Records, replacing
+from tbsa.model.tiles import Growth
 from tbsa.work.draw import target
-from tbsa.work.metrics import assembly
+from tbsa.work.metrics import assembly, truth_of
 
 
 def export(records: Records, path: str | Path) -> None:
@@ -45,18 +45,15 @@ def export(records: Records, path: str | Path) -> None:
     except ImportError:
         raise InputError("needs the package gsd: pip install 'tbsa[gsd]'", field="path",
                          value=str(path)) from None
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with naming(path):
-            with hoomd.open(str(scratch), "w") as file:
-                for k in range(records.time.size):
-                    file.append(_frame(hoomd.Frame(), records, k))
-            os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+    truth = truth_of(records.scene)
+    with replacing(path) as scratch:
+        scratch.touch()  # with the mode of other files; gsd's own is another
+        with hoomd.open(str(scratch), "w") as file:
+            for k in range(records.time.size):
+                file.append(_frame(hoomd.Frame(), records, k, truth))
 
 
-def _frame(frame: Any, records: Records, k: int) -> Any:
+def _frame(frame: Any, records: Records, k: int, truth: Growth | None) -> Any:
     """One record, into an empty frame."""
     scene, layout = records.scene, records.layout
     x, y, angle = (np.asarray(each[k]) for each in (records.x, records.y, records.angle))
@@ -65,7 +62,7 @@ def _frame(frame: Any, records: Records, k: int) -> Any:
     half = 0.5 * width
     square = {"type": "Polygon", "rounding_radius": 0,
               "vertices": [[half, half], [-half, half], [-half, -half], [half, -half]]}
-    found = assembly(scene, layout, x, y, angle)
+    found = assembly(scene, layout, x, y, angle, truth)
 
     frame.configuration.step = round(float(records.time[k]) / scene.solver.step)
     frame.configuration.dimensions = 2

@@ -145,6 +145,11 @@ class Assembly:
         }
 
 
+def truth_of(scene: Scene) -> Growth | None:
+    """The ground truth, to be found once for many records; None without a seed."""
+    return None if scene.seed is None else ground_truth(scene)
+
+
 def assembly(
     scene: Scene, layout: Layout, x: Floats, y: Floats, angle: Floats, truth: Growth | None = None
 ) -> Assembly:
@@ -155,7 +160,7 @@ def assembly(
     x, y, angle
         Positions (m) and angles (rad) of the tiles, float64[n] in the layout's order.
     truth
-        ``ground_truth(scene)``, where it is at hand.  A scene without a seed has no assembly;
+        :func:`truth_of` the scene, where it is at hand.  A scene without a seed has no assembly;
         its bonds and clusters are counted all the same.
 
     Raises
@@ -264,7 +269,7 @@ def table(
             field="table",
             value=(time.shape, x.shape, y.shape, angle.shape),
         )
-    truth = None if scene.seed is None else ground_truth(scene)
+    truth = truth_of(scene)
     start = assembly(scene, layout, layout.x, layout.y, layout.angle, truth)
     attached = np.zeros((len(time), len(layout.x)), dtype=np.bool_)
     rows = []

@@ -6,7 +6,6 @@ GIF needs nothing further; MP4 needs ffmpeg, the system's or that of the extra `
 from __future__ import annotations
 
 import io
-import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -23,8 +22,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tbsa.errors import InputError
-from tbsa.model.records import Records, write_atomically
+from tbsa.model.records import Records, replacing, write_atomically
 from tbsa.work.draw import MARKS, draw, frame, target
+from tbsa.work.metrics import truth_of
 
 FORMATS = (".gif", ".mp4")
 INCHES = 7.2  # of a picture's width: text is to the tiles as it is in `draw`
@@ -96,7 +96,7 @@ def movie(
         # Few colours, the same in all pictures, so that what does not move is not stored again.
         some = [which[0], which[len(which) // 2], which[-1]]
         palette = _palette(list(pictures(records, some, size, glues)))
-        write_atomically(path, _gif(counted(), rate, palette))
+        write_atomically(path, _gif(counted(), len(which), rate, palette))
     return len(which)
 
 
@@ -107,10 +107,11 @@ def pictures(records: Records, which: Sequence[int], size: int, glues: bool) -> 
     canvas: Any = FigureCanvasAgg(figure)
     ax = figure.add_axes((0.1, 0.07, 0.885, 0.835))
     x, y = (np.ravel(each[list(which)]) for each in (records.x, records.y))
+    truth = truth_of(records.scene)
     for k in which:
         ax.clear()
         draw(records.scene, records.layout, records.x[k], records.y[k], records.angle[k], ax=ax,
-             time=float(records.time[k]), glues=glues)
+             time=float(records.time[k]), glues=glues, truth=truth)
         frame(ax, records.scene, x, y)
         canvas.draw()
         yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
@@ -124,14 +125,15 @@ def _palette(samples: Sequence[Picture]) -> Image.Image:
     return Image.fromarray(np.concatenate([*samples, strip])).quantize(COLOURS)
 
 
-def _gif(frames: Iterator[Picture], rate: float, palette: Image.Image) -> bytes:
-    """The bytes of a film that begins again at its end."""
+def _gif(frames: Iterator[Picture], number: int, rate: float, palette: Image.Image) -> bytes:
+    """The bytes of a film of so many frames that begins again at its end."""
     few = (Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE)
            for each in frames)
     first, film = next(few), io.BytesIO()
-    # A GIF counts in 10 ms.
+    # A GIF counts in 10 ms: frames may differ by one, so that the film keeps the rate.
+    ends = np.rint(np.arange(number + 1) * (100.0 / rate)).astype(int)
     first.save(film, format="GIF", save_all=True, append_images=few, loop=0,
-               duration=10 * round(100.0 / rate))
+               duration=(10 * np.diff(ends)).tolist())
     return film.getvalue()
 
 
@@ -150,12 +152,11 @@ def _ffmpeg(path: Path) -> str:
 def _mp4(frames: Iterator[Picture], path: Path, rate: float, ffmpeg: str) -> None:
     """Hand the pictures to ffmpeg; H.264 in the form that every player knows."""
     first = next(frames)
-    scratch = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
-    command = [ffmpeg, "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24",
-               "-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{rate:g}", "-i", "-",
-               "-an", "-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p",
-               "-movflags", "+faststart", str(scratch)]
-    try:
+    with replacing(path, ".mp4") as scratch:
+        command = [ffmpeg, "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24",
+                   "-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{rate:g}", "-i", "-",
+                   "-an", "-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p",
+                   "-movflags", "+faststart", str(scratch)]
         # A session of its own: Ctrl-C is this process's to answer.
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
                               start_new_session=True) as process:
@@ -169,9 +170,6 @@ def _mp4(frames: Iterator[Picture], path: Path, rate: float, ffmpeg: str) -> Non
                 raise
         if process.returncode != 0:
             raise RuntimeError(f"{path}: ffmpeg failed: {said[-500:]}")
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
 
 
 def _feed(pipe: IO[bytes], frames: Iterator[Picture]) -> None:

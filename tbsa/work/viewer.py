@@ -22,7 +22,7 @@ from tbsa.model.scene import EDGES
 from tbsa.model.squares import lattice
 from tbsa.work import draw as pictures
 from tbsa.work.draw import CM, MARKS, target
-from tbsa.work.metrics import EDGE_ANGLE, assembly
+from tbsa.work.metrics import EDGE_ANGLE, assembly, truth_of
 
 # Bits of a tile's state, and how its marks look: rings with so many corners, or a cross.
 ATTACHED, SEED = 1, 2
@@ -71,7 +71,8 @@ def _data(records: Records, which: Sequence[int]) -> dict[str, Any]:
     turn = np.floor(angle * (65536 / (2.0 * np.pi)) + 0.5)
     poses = np.stack([np.rint((x - low[0]) / span * 65535).clip(0, 65535),
                       np.rint((y - low[1]) / span * 65535).clip(0, 65535), turn % 65536], axis=-1)
-    found = [assembly(scene, layout, x[k], y[k], angle[k]) for k in range(len(which))]
+    truth = truth_of(scene)
+    found = [assembly(scene, layout, x[k], y[k], angle[k], truth) for k in range(len(which))]
     error, turned, off, outside = (bit for bit, _ in MARK_BITS.values())
     states = np.array([
         ATTACHED * each.attached + SEED * each.seed + error * each.erroneous
