@@ -499,6 +499,26 @@ def test_the_bar_shows_all_runs_and_the_time_left(here, whole, capsys, monkeypat
     assert re.search(r"\[\d\d:\d\d<(\d\d:\d\d|\?)", err)
 
 
+def test_the_bar_looks_at_the_runs_once_a_second(here, whole, monkeypatch):
+    shutil.copytree(whole, "out")
+    plan, now, looked = read_plan("campaign.toml"), [100.0], []
+    folder = module._folder
+    monkeypatch.setattr(module, "_folder", lambda *of: looked.append(1) or folder(*of))
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    bar = module._Bar(Path("out"), plan, plan, True)
+    all_of_them = sum(each.cost for each in plan)
+    assert bar._under_way({}) == pytest.approx(all_of_them)
+    for _ in range(4):
+        now[0] += module.POLL
+        # What has ended since the last look is not counted twice.
+        assert bar._under_way({plan[0].name: ("done", "")}) == pytest.approx(
+            all_of_them - plan[0].cost)
+    assert len(looked) == len(plan)
+    now[0] += module.POLL
+    bar._under_way({})
+    assert len(looked) == 2 * len(plan)
+
+
 def test_no_bar_where_it_is_not_wanted(here, capsys):
     done("campaign.toml", "out")
     assert capsys.readouterr().err == ""

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
 FORMAT = 1
 LOCKS = ".locks"
 POLL = 0.2  # s between looks at the workers
+LOOK = 1.0  # s between looks at the records of the runs that are under way, for the bar
 PATIENCE = 60.0  # s that a worker waits for one of a dead campaign to save and let go of a run
 REFRESH = 60.0  # s between tables while runs are being done
 LIVES = 3  # times that a pool may break without a run done in between
@@ -603,6 +604,8 @@ class _Bar:
 
     def __init__(self, out: Path, mine: list[Planned], left: list[Planned], shown: bool) -> None:
         self.out, self.mine, self.left, self.shown = out, mine, left, shown
+        self.reached: dict[str, float] = {}  # of the runs not ended, at the last look
+        self.looked = -math.inf
 
     def __enter__(self) -> _Bar:
         from tqdm import tqdm
@@ -633,14 +636,16 @@ class _Bar:
 
     def _under_way(self, ended: Outcomes) -> float:
         """Of the runs not ended: what is done, by the size of their records."""
-        done = 0.0
-        for each in self.left:
-            if each.name not in ended:
-                with contextlib.suppress(OSError):
-                    size = (_folder(self.out, each) / "records.npy").stat().st_size
-                    time = each.scene.record.interval * (size // (8 + 48 * each.tiles) - 1)
-                    done += each.cost * min(max(time / each.scene.run.duration, 0.0), 1.0)
-        return done
+        if time.monotonic() >= self.looked + LOOK:
+            self.reached, self.looked = {}, time.monotonic()
+            for each in self.left:
+                if each.name not in ended:
+                    with contextlib.suppress(OSError):
+                        size = (_folder(self.out, each) / "records.npy").stat().st_size
+                        end = each.scene.record.interval * (size // (8 + 48 * each.tiles) - 1)
+                        share = min(max(end / each.scene.run.duration, 0.0), 1.0)
+                        self.reached[each.name] = each.cost * share
+        return math.fsum(done for name, done in self.reached.items() if name not in ended)
 
 
 # ---------------------------------------------------------------------------------------------
