@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from unicodedata import category
 
 
 class InputError(ValueError):
@@ -36,12 +37,18 @@ class InputError(ValueError):
         where = ": ".join(part for part in (file, field) if part)
         what = message if value is self._absent else f"{_short(value)} {message}"
         # One line, whatever a key of the file or another library's message may hold.
-        super().__init__("\\n".join((f"{where}: {what}" if where else what).splitlines()))
+        lines = (f"{where}: {what}" if where else what).splitlines()
+        super().__init__(printable("\\n".join(lines)))
 
     @property
     def without_file(self) -> str:
         """The sentence without the file's name, which differs between machines."""
-        return str(self).removeprefix(f"{self.file}: ") if self.file else str(self)
+        return str(self).removeprefix(f"{printable(self.file)}: ") if self.file else str(self)
+
+
+def printable(text: str) -> str:
+    """One line of text with its control characters escaped, which a terminal would obey."""
+    return "".join(ascii(each)[1:-1] if category(each) == "Cc" else each for each in text)
 
 
 def _short(value: Any) -> str:

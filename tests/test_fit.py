@@ -992,6 +992,8 @@ def test_a_file_that_cannot_be_read_is_one_clear_error(here, capsys):
     (["--inset", "1mm", "--unweighted", "--fix", "exponent=two"], "'two' must be a number"),
     (["--inset", "1mm", "--out", "good.csv"], "--out: 'good.csv' must be a folder"),
     (["--inset", "1mm", "--scene", "absent.toml"], "absent.toml: must be a TOML file"),
+    (["--inset", "1mm", "--scene", "run/scene.toml"], "--scene: 'run/scene.toml' must be another "
+     "file: it is the run's own"),
     (["--inset", "1mm", "--scene", "good.csv"], "good.csv: must be valid TOML"),
     (["--inset", "16mm", "--scene", "scene.toml"], "magnet.inset: 0.016 must be a number from 0"),
     (["--inset", "1mm", "--scene", "inline.toml"], "magnet: must be a table of its own"),
@@ -1001,6 +1003,9 @@ def test_a_bad_option_is_one_clear_error(here, capsys, options, message):
     scene = '[tiles]\nset = "chessboard"\n[seed]\nshape = "L"\narm = 2\n'
     (here / "scene.toml").write_text(scene)
     (here / "inline.toml").write_text("magnet = {mismatch = 0}\n" + scene)
+    (here / "run").mkdir()
+    (here / "run" / "scene.toml").write_text(scene)
+    (here / "run" / "run.json").write_text("{}")
     assert message in refused(capsys, here, "good.csv", *options)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import datetime
+import re
 import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from malformed import GOOD, MALFORMED, TILE, TILES
 from tbsa.errors import InputError
 from tbsa.model.records import run
 from tbsa.model.scene import (
+    LARGEST,
     RULES,
     SETS,
     Drive,
@@ -76,7 +78,12 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path):
     latin = tmp_path / "latin.toml"
     latin.write_bytes(b'title = "f\xfcr"\n')
     assert "UTF-8: invalid start byte at byte 10" in refused(latin)
-    assert "null" in refused("a\0b.toml")
+    with pytest.raises(InputError, match=r"a\\x00b\.toml: must be .*: embedded null byte"):
+        load("a\0b.toml")
+    endless = tmp_path / "endless.toml"
+    with open(endless, "wb") as file:
+        file.truncate(2 * LARGEST)
+    assert refused(endless).endswith(f"must be a TOML file of at most {LARGEST} bytes")
 
 
 def test_a_byte_order_mark_and_windows_line_ends_do_no_harm(tmp_path):
@@ -307,6 +314,30 @@ def test_a_scene_changed_in_python_is_validated_before_it_is_run(tmp_path):
     assert not (tmp_path / "run").exists()
     heavier = replace(scene, material=Material(mass=np.float64(0.02)))
     assert Simulation(heavier).numbers.mass == 0.02
+
+
+@pytest.mark.parametrize(("changes", "field", "words"), [
+    ({"free": Free({"black": 3})}, "free.counts",
+     "{'black': 3} must be a tuple of tuples (str, int)"),
+    ({"free": Free((("black", 3, 4),))}, "free.counts[0]", "must be a tuple (str, int)"),
+    ({"free": Free(tiles=("black",))}, "free.tiles[0]", "'black' must be a PlacedTile"),
+    ({"free": None}, "free", "None must be a Free"),
+    ({"material": None}, "material", "None must be a Material"),
+    ({"drive": Floor()}, "drive", "must be a Drive or None"),
+    ({"types": ({},)}, "types[0]", "{} must be a TileType"),
+    ({"types": [TileType("a", (0, 0, 0, 0), "red")]}, "types", "must be a tuple of TileType"),
+    ({"run": Run}, "run", "must be a Run"),
+    ({"file": Path("scene.toml")}, "file", "must be a string"),
+])
+def test_parts_of_the_wrong_type_are_named(changes, field, words):
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        replace(parse(GOOD), **changes).validate()
+    assert caught.value.field == field
+
+
+def test_a_scene_is_read_from_text_or_tables():
+    with pytest.raises(InputError, match=r"source: b'x' must be TOML text \(str\), or a mapping"):
+        parse(b"x")
 
 
 # --- a drive of one's own ------------------------------------------------------------------------

@@ -19,10 +19,10 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -193,6 +193,9 @@ class Scene:
 
     @cached_property
     def _valid(self) -> bool:
+        if message := _text(empty=True)(self.file):
+            raise InputError(message, field="file", value=self.file)
+        _check_structure(self, "", self)
         for name, part in _parts(self):
             _check_part(self, name, part)
         _check_names(self)
@@ -418,6 +421,37 @@ def _parts(scene: Scene) -> Iterator[tuple[str, Any]]:
 def _fail(scene: Scene, name: str, value: Any, message: str) -> NoReturn:
     shown = list(value) if isinstance(value, tuple) else value  # as TOML has it
     raise InputError(message, file=scene.file or None, field=name, value=shown)
+
+
+def _check_structure(scene: Scene, path: str, part: Any) -> None:
+    """The parts of a scene built in Python are of their annotated types; values have rules."""
+    for name, kind in get_type_hints(type(part)).items():
+        value = getattr(part, name)
+        _check_type(scene, path + name, value, kind)
+        if is_dataclass(value) and type(value) not in RULES:
+            _check_structure(scene, f"{path}{name}.", value)
+
+
+def _check_type(scene: Scene, path: str, value: Any, kind: Any) -> None:
+    inner = get_args(kind)
+    if get_origin(kind) is tuple:
+        if not isinstance(value, tuple) or (inner[-1] is not ... and len(value) != len(inner)):
+            _fail(scene, path, value, f"must be {_in_words(kind)}")
+        for i, item in enumerate(value):
+            _check_type(scene, f"{path}[{i}]", item, inner[0] if inner[-1] is ... else inner[i])
+    elif any(map(is_dataclass, types := inner or (kind,))) and type(value) not in types:
+        _fail(scene, path, value, f"must be {_in_words(kind)}")
+
+
+def _in_words(kind: Any) -> str:
+    """A type as it is asked for: a Seed or None, a tuple of tuples (str, int)."""
+    inner = get_args(kind)
+    if get_origin(kind) is not tuple:
+        return " or ".join("None" if each is type(None) else f"a {each.__name__}"
+                           for each in inner or (kind,))
+    if inner[-1] is ...:
+        return "a tuple of " + _in_words(inner[0]).removeprefix("a ").replace("tuple", "tuples")
+    return f"a tuple ({', '.join(each.__name__ for each in inner)})"
 
 
 def _check_part(scene: Scene, path: str, part: Any) -> None:
@@ -730,16 +764,34 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     InputError
         When the file cannot be read or is not TOML.
     """
+    return _tables(read_text(path, "TOML"), str(path))
+
+
+LARGEST = 2**28  # bytes of a text file: more than a million tiles with a line for every field
+
+
+def read_text(path: str | Path, kind: str) -> str:
+    """The text of a file of some kind, ``"TOML"`` or ``"CSV"``.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is longer than `LARGEST`, or is not UTF-8.
+    """
     file = str(path)
     try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"must be a TOML file in UTF-8: {error.reason} at byte {error.start}",
-                         file=file) from None
+        with open(path, "rb") as stream:  # perhaps a pipe, or a device without end
+            data = stream.read(LARGEST + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"must be a TOML file that can be read: {reason}", file=file) from None
-    return _tables(text, file)
+        raise InputError(f"must be a {kind} file that can be read: {reason}", file=file) from None
+    if len(data) > LARGEST:
+        raise InputError(f"must be a {kind} file of at most {LARGEST} bytes", file=file)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"must be a {kind} file in UTF-8: {error.reason} at byte {error.start}",
+                         file=file) from None
 
 
 def _tables(text: str, file: str) -> dict[str, Any]:
@@ -764,10 +816,13 @@ def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
     Raises
     ------
     InputError
-        When the text is not TOML or holds a value that is not allowed.
+        When it is neither, or the text is not TOML, or holds a value that is not allowed.
     """
     if isinstance(source, str):
         source = _tables(source, file)
+    if not isinstance(source, Mapping):
+        raise InputError("must be TOML text (str), or a mapping of the tables that it would give",
+                         file=file or None, field="source", value=source)
     scene = _Reader(file).scene(source)
     scene.validate()
     return scene
@@ -801,7 +856,8 @@ def fingerprint(scene: Scene) -> str:
 
     Left out are ``title``, ``file``, ``record``, ``run.duration``, the colours and the
     temperature (that of the ground truth, not of the tiles).  Of a user's own drive the bytes
-    of the module count, not its path.
+    of the module count, not its path; nor do files that it reads and modules that it imports, which
+    is why it has to stand alone.
     """
     drive, module = scene.drive, b""
     if drive is not None and drive.kind == "user":

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from tbsa.errors import InputError
+from tbsa.model.scene import read_text
 
 Floats = NDArray[np.float64]
 
@@ -58,14 +59,7 @@ def read(path: str | Path) -> Measurements:
         For anything else; it names the line, the column, the value and what is allowed.
     """
     file = str(path)
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"must be a CSV file in UTF-8: {error.reason} at byte {error.start}",
-                         file=file) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"must be a CSV file that can be read: {reason}", file=file) from None
+    text = read_text(path, "CSV")
     if "\0" in text:
         raise InputError("must be a CSV file: it holds a NUL, so it is not text", file=file)
     rows = list(_rows(text, file))

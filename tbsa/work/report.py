@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tbsa.errors import InputError
+from tbsa.errors import InputError, printable
 from tbsa.model.layout import Layout, initial_layout
 from tbsa.model.scene import EDGES, Drive, Scene
 from tbsa.model.simulation import floor_limits
@@ -74,7 +74,8 @@ def describe(scene: Scene) -> str:
         for name, lines in parts
         for k, line in enumerate(lines)
     ]
-    return "\n".join([*head, *([""] if head else []), *body])
+    text = "\n".join([*head, *([""] if head else []), *body])
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def aligned(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
