@@ -15,6 +15,8 @@ from matplotlib.image import imread
 from scipy.optimize import curve_fit
 
 import tbsa
+from tbsa.errors import InputError
+from tbsa.model.scene import LARGEST
 from tbsa.work import cli
 from tbsa.work import fit as work
 from tbsa.work.cli import main
@@ -463,11 +465,11 @@ def test_the_halves_of_points_on_the_law_agree():
 
 def test_repeats_of_a_distance_are_in_one_half():
     rng = np.random.default_rng(17)
-    d = np.repeat(R[::2], 5)
+    d = np.repeat(R[:14:2], 5)  # 35 points: half of them end within a distance
     found = fit(LAW, d, LAW.force(d, ALPHA, BETA) + 1e-3 * rng.standard_normal(d.size))
     both = halves(found)
     assert np.unique(both.near.distance) == pytest.approx(R[:8:2])
-    assert np.unique(both.far.distance) == pytest.approx(R[8::2])
+    assert np.unique(both.far.distance) == pytest.approx(R[8:14:2])
     assert both.near.distance.size + both.far.distance.size == d.size
 
 
@@ -963,6 +965,10 @@ def test_a_file_that_cannot_be_read_is_one_clear_error(here, capsys):
         capsys, here, "absent.csv", "--inset", "0mm")
     (here / "folder").mkdir()
     assert "Is a directory" in refused(capsys, here, "folder", "--inset", "0mm")
+    with open(here / "long.csv", "wb") as file:
+        file.truncate(2 * LARGEST)
+    with pytest.raises(InputError, match="must be a CSV file of at most"):
+        read(here / "long.csv")
 
 
 @pytest.mark.parametrize(("options", "message"), [

@@ -206,7 +206,8 @@ def _parser() -> argparse.ArgumentParser:
     weights.add_argument("--absolute", action="store_true", help="take the uncertainties at their "
                      "word; otherwise the scatter of the points scales the errors")
     fit.add_argument("--interval", choices=("profile", "bootstrap", "normal"),
-                     help="kind of the 95 %% intervals (default: profile)")
+                     help="kind of the 95 %% intervals (default: profile; normal "
+                     "for a robust loss, which has no other)")
     fit.add_argument("--out", type=Path, metavar="DIR",
                      help="folder for fit.png and magnet.toml (default: fits/NAME-MODEL)")
     fit.add_argument("--scene", type=Path, metavar="TOML",
