@@ -50,7 +50,7 @@ def different(plan):
 def test_there_are_the_campaigns_that_the_documents_name():
     names = {path.name for path in FILES}
     assert names >= {"campaign.toml", "calibration.toml", "readings.toml", "step.toml",
-                     "beyond.toml", "more_tiles.toml"}
+                     "step_shaken.toml", "beyond.toml", "more_tiles.toml"}
     text = (HERE / "README.md").read_text()
     assert all(name in text for name in names)
 
@@ -700,6 +700,8 @@ def test_the_poisson_interval_is_too_narrow_for_errors_that_come_together(clump)
 
 @pytest.mark.parametrize(("file", "text"), [
     ("merit.md", lambda: merit.report(DATA / "campaign", HERE / "campaign.toml")),
+    ("step.md", lambda: step_study.report(DATA / "step", HERE / "step.toml")),
+    ("step_shaken.md", lambda: step_study.report(DATA / "step_shaken", HERE / "step_shaken.toml")),
     ("calibration.md", lambda: calibrate.report(
         {name: DATA / file.stem for name, file in calibrate.FILES.items()})[0])])
 def test_the_reports_are_those_of_the_data_that_are_kept(file, text):

@@ -282,7 +282,7 @@ def place_again(rows: Rows, row: int, k: Numbers, per_mass: float, threshold: fl
 def enter(rows: Rows, q: int, h: float, mobile: np.ndarray, v: Bodies, z: Scratch) -> None:
     """Let row q take part in the impact: without impulses, and its gap may close if it hits."""
     r, body = rows.field, rows.body
-    k, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+    k, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
     z.rows[z.size[0]] = q
     z.size[0] += 1
     hit = r[k + HIT]
@@ -360,7 +360,7 @@ def limit_energy(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
         island[z.tiles[j]] = z.tiles[j]
     for j in range(z.size[0]):
         q = z.rows[j]
-        i, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+        i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
         a, b = body[t], body[t + LANES]
         if mobile[a] * mobile[b] != 0.0 and (r[i + PN0] != 0.0 or r[i + PN1] != 0.0
                                              or r[i + PT] != 0.0 or r[i + BASE] != 0.0):
@@ -489,7 +489,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     size = ZERO
     for j in range(z.size[0]):
         q = z.rows[j]
-        at, t = U(q // 8) * BLOCK + U(q % 8), U(q // 8) * BODIES + U(q % 8)
+        at, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
         e, p0, p1 = r[at + E], r[at + PN0], r[at + PN1]
         p0 = e * p0 if p0 * r[at + K00] > k.threshold else 0.0
         p1 = e * p1 if p1 * r[at + K11] > k.threshold else 0.0
@@ -518,7 +518,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
 
     for j in range(z.size[0]):
         q = z.rows[j]
-        at = U(q // 8) * BLOCK + U(q % 8)
+        at = lane_of(q)
         z.known[q] = 0
         r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
         r[at + BASE] = r[at + HIT] = 0.0
