@@ -529,7 +529,7 @@ def test_what_others_leave_for_the_hook_does_not_end_a_run(tmp_path, monkeypatch
     assert seen == ["not of a drive"]
 
 
-def test_an_interrupted_call_leaves_time_and_state_together(monkeypatch):
+def test_an_interrupted_call_leaves_time_and_state_together():
     s, whole = (Simulation(tbsa.parse(SCENE)) for _ in range(2))
     core = s._advance
 
