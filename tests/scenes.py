@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tbsa.kernels import contacts
+from tbsa.kernels import rows as fields
 from tbsa.model.scene import (
     SETS,
     Free,
@@ -111,8 +111,8 @@ def moving_rows(simulation):
     """What they saw, in the last substep, of the rows in contact."""
     rows = simulation._work.rows
     slot = rows.slot[: rows.size[0]]
-    columns = {name: rows.field[slot + int(contacts.LANES) * i]
-               for i, name in enumerate(contacts.FIELDS)}
+    columns = {name: rows.field[slot + int(fields.LANES) * i]
+               for i, name in enumerate(fields.FIELDS)}
     touching = columns["count"] > 0
     columns |= {"a": rows.a[: slot.size], "b": rows.b[: slot.size]}
     return {name: column[touching] for name, column in columns.items()}

@@ -111,6 +111,9 @@ def test_version_and_help(capsys):
             main(arguments)
         assert end.value.code == 0
         assert shown in capsys.readouterr().out
+    module = [sys.executable, "-m", "tbsa", "--version"]
+    assert subprocess.run(module, cwd=ROOT, capture_output=True, text=True,
+                          check=True).stdout == f"tbsa {tbsa.__version__}\n"
 
 
 def test_a_command_is_needed_and_its_options_are_of_their_kind(capsys):

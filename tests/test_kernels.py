@@ -30,15 +30,17 @@ from tbsa.kernels import advance as core
 from tbsa.kernels import jit
 from tbsa.kernels.advance import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
 from tbsa.kernels.arrays import copy, lean, set_all, whole
-from tbsa.kernels.contacts import (
+from tbsa.kernels.bodies import Numbers
+from tbsa.kernels.crew import empty_crew
+from tbsa.kernels.geometry import CIRCLE, RECTANGLE
+from tbsa.kernels.neighbours import build_pairs, empty_pairs
+from tbsa.kernels.rows import (
     ALONE,
     BLOCK,
     BODIES,
-    CIRCLE,
     ID1,
     LANES,
     PAIR_COLOURS,
-    RECTANGLE,
     add_rows,
     colour_rows,
     empty_impulses,
@@ -46,8 +48,6 @@ from tbsa.kernels.contacts import (
     find_rows,
     recall,
 )
-from tbsa.kernels.crew import empty_crew
-from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.model.layout import Layout
 from tbsa.model.scene import Drive, Floor, Free, Magnet, Material, Reactor, Seed, TileType
 from tbsa.model.simulation import Simulation, SimulationError
@@ -113,16 +113,21 @@ def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():
 
 
 @jit.kernel
-def find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way, far, way2,
-                  far2, widest, crew):
+def find_then_add(rows, pairs, k, x, y, angle, c, s, mobile, marked, way, far, way2, far2, widest,
+                  crew):
     """Rows of the ways `way` and `far`; then those that the marked tiles have besides, whose ways
     are longer.  Returns how many of each."""
-    m, _, _ = find_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, c, s, mobile, way, far, 1,
-                        crew)
-    colour_rows(rows, m, n, mobile, 1.0, 0.5, 0.5, 0.5, 0.5)
-    recall(rows, m, n, NO_IMPULSES)
-    return m, add_rows(rows, pairs, n, WIDTH, wall, size, size, x, y, angle, c, s, mobile, marked,
-                       1.0, 0.5, 0.5, 0.5, 0.5, way2, far2, widest)
+    m, _, _ = find_rows(rows, pairs, k, x, y, c, s, mobile, way, far, 1, crew)
+    colour_rows(rows, m, k, mobile)
+    recall(rows, m, k.n, NO_IMPULSES)
+    return m, add_rows(rows, pairs, k, x, y, angle, c, s, mobile, marked, way2, far2, widest)
+
+
+def numbers(n, wall=0, size=0.0):
+    """Of n tiles of 1 kg, and a wall."""
+    inertia = WIDTH**2 / 6.0
+    return Numbers(n, WIDTH, 1e-3, 1, 1.0, inertia, 1.0, 1.0 / inertia, 1.0 / inertia, 0.0, 0.0,
+                   0.5, 0.5, 0.5, 0.5, 0.01, 1e-3, 1, 1, 1, 1, 0, wall, size, size)
 
 
 NO_IMPULSES, ALONE_CREW = empty_impulses(1), empty_crew(1)
@@ -166,8 +171,8 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
     build_pairs(pairs, n, old_x, old_y, mobile, 0.0425, np.full(n, 0.04), ALONE_CREW)
     widest = float((np.hypot(x - old_x, y - old_y) + way + longer).max())
     c, s = np.append(np.cos(angle), 1.0), np.append(np.sin(angle), 0.0)
-    m, added = find_then_add(rows, pairs, n, wall, size, x, y, angle, c, s, mobile, marked, way,
-                             far, way + longer, far + longer, widest, ALONE_CREW)
+    m, added = find_then_add(rows, pairs, numbers(n, wall, size), x, y, angle, c, s, mobile, marked,
+                             way, far, way + longer, far + longer, widest, ALONE_CREW)
 
     before = may_touch(x, y, angle, mobile[:n], wall, size, way, far)
     after = may_touch(x, y, angle, mobile[:n], wall, size, way + longer, far + longer)
@@ -195,7 +200,7 @@ def test_rows_that_do_not_fit_are_not_added():
     x, y, zero = np.repeat(np.arange(6) * 0.031, 5), np.tile(np.arange(5) * 0.031, 6), np.zeros(30)
     build_pairs(pairs, n, x, y, np.ones(n + 1), 0.0425, np.full(n, 0.04), ALONE_CREW)
     marked, c, s = np.ones(n + 1, np.int64), np.ones(n + 1), np.zeros(n + 1)
-    assert find_then_add(rows, pairs, n, 0, 0.0, x, y, zero, c, s, np.ones(n + 1), marked, zero,
+    assert find_then_add(rows, pairs, numbers(n), x, y, zero, c, s, np.ones(n + 1), marked, zero,
                          zero, zero + 0.2, zero + 0.2, 0.2, ALONE_CREW) == (0, -1)
     assert rows.size[0] == 0
     assert np.diff(rows.first)[ALONE] == 0

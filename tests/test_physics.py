@@ -31,7 +31,7 @@ from scenes import (
 )
 
 from tbsa.kernels import advance as core
-from tbsa.kernels.solver import Numbers
+from tbsa.kernels.bodies import Numbers
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, Solver, TileType
 from tbsa.model.simulation import Simulation, floor_limits
 from theory import magnets, motion, rotation

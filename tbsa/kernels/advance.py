@@ -16,13 +16,13 @@ and the substeps of a half, of length h:
 
     drift   x += h/2 v                                      to the middle of the substep
     damp    v *= exp(-h/2 c)
-    rows    where they touch
+    rows    where they touch                                (contacts.py)
     impacts what hits in this substep, without forces       (impacts.py)
     kick    v += h F/m
     solve   contacts and floor friction at the velocity level (solver.py)
     damp    v *= exp(-h/2 c)
     drift   x += h/2 v
-    project deep overlap out of the positions, if there is any
+    project deep overlap out of the positions, if any       (projection.py)
 
 A substep is h, or h/2, h/4 or h/8 where a tile that may touch another spins fast: rows foresee the
 arc of what goes on turning, but not what an impact makes of it.  It is longer, up to 8 h within a
@@ -42,20 +42,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tbsa.kernels.arrays import copy, lean, set_all, whole
-from tbsa.kernels.contacts import (
-    CIRCLE,
-    COLOURS,
-    NEAR,
-    Impulses,
-    Rows,
-    add_rows,
-    colour_rows,
-    find_rows,
-    place_rows,
-    recall,
-    remember,
-    rows_from,
-)
+from tbsa.kernels.bodies import Bodies, Numbers, with_substep
+from tbsa.kernels.contacts import place_rows
 from tbsa.kernels.crew import (
     AHEAD,
     APPLY,
@@ -87,7 +75,7 @@ from tbsa.kernels.crew import (
     wait_for,
 )
 from tbsa.kernels.floor import EXACT, FloorLaw
-from tbsa.kernels.geometry import cos_sin
+from tbsa.kernels.geometry import CIRCLE, cos_sin
 from tbsa.kernels.impacts import Scratch, impacts
 from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
 from tbsa.kernels.magnets import (
@@ -103,22 +91,27 @@ from tbsa.kernels.magnets import (
     react,
 )
 from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, stale
-from tbsa.kernels.solver import (
+from tbsa.kernels.projection import SLOP, find_deep, project
+from tbsa.kernels.rows import (
+    COLOURS,
+    NEAR,
+    Impulses,
+    Rows,
+    add_rows,
+    colour_rows,
+    find_rows,
+    recall,
+    remember,
+    rows_from,
+)
+from tbsa.kernels.solver import limit_work, relax, scale_impulses, work_on
+from tbsa.kernels.sweeps import (
     LITTLE,
-    SLOP,
-    Bodies,
-    Numbers,
     apply_blocks,
     apply_impulses,
     changed,
-    find_deep,
     floor_tiles,
-    limit_work,
-    project,
-    relax,
-    scale_impulses,
     sweep_blocks,
-    work_on,
 )
 
 # Error words of `advance`.
@@ -126,7 +119,7 @@ OK, MORE_PAIRS, MORE_ROWS, MORE_MAGNETS, NOT_FINITE, TOO_FAST, TOO_MANY = range(
 
 # Two tiles that may touch turn, in root of the sum of squares, no further than this in a substep
 # (rad), or as far as an eighth of the substep allows.  Rows foresee the arc of what goes on
-# turning (contacts.py); what an impact or a solve turns otherwise comes nearer, or less near, by up
+# turning (geometry.py); what an impact or a solve turns otherwise comes nearer, or less near, by up
 # to 0.7 w times half the square of this.
 TURN = 0.4
 TICKS = 8
@@ -268,7 +261,7 @@ def stopping(start: float, trial: float, bound: float) -> float:
 
 
 @lane
-def find_stopped(im: float, ii: float, v: Bodies, v0: Bodies, begin: int, end: int) -> int:
+def find_stopped(k: Numbers, v: Bodies, v0: Bodies, begin: int, end: int) -> int:
     """Mark in ``moved`` which of these tiles friction has stopped without any contact: 1 its way,
     2 its turn.  `v0` are the velocities before the solve.  Returns whether there are any."""
     vx, vy, w, moved = v.vx, v.vy, v.w, v.moved
@@ -278,9 +271,9 @@ def find_stopped(im: float, ii: float, v: Bodies, v0: Bodies, begin: int, end: i
     for i in range(U(begin), U(end)):
         # Contacts have done nothing to it: the floor alone takes what it had before the solve.
         tx, ty, tw = v0.vx[i], v0.vy[i], v0.w[i]
-        free = ((abs(floorx[i] * im + tx) <= 1e-12 * abs(tx))
-                & (abs(floory[i] * im + ty) <= 1e-12 * abs(ty)))
-        alone = abs(floort[i] * ii + tw) <= 1e-12 * abs(tw)
+        free = ((abs(floorx[i] * k.im + tx) <= 1e-12 * abs(tx))
+                & (abs(floory[i] * k.im + ty) <= 1e-12 * abs(ty)))
+        alone = abs(floort[i] * k.ii + tw) <= 1e-12 * abs(tw)
         stopped = (vx[i] == 0.0) & (vy[i] == 0.0) & ((startx[i] != 0.0) | (starty[i] != 0.0))
         halted = (w[i] == 0.0) & (startw[i] != 0.0)
         moved[i] = (1 if stopped & free else 0) + (2 if halted & alone else 0)
@@ -289,18 +282,18 @@ def find_stopped(im: float, ii: float, v: Bodies, v0: Bodies, begin: int, end: i
 
 
 @inline
-def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, im: float, ii: float, v: Bodies,
-               x: np.ndarray, y: np.ndarray, angle: np.ndarray, crew: Crew) -> None:
+def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, v: Bodies, x: np.ndarray, y: np.ndarray,
+               angle: np.ndarray, crew: Crew) -> None:
     """Take back what a tile without contact drifted after friction had stopped it.
 
     The first half of the drift went h/2 v; a tile that stops after the fraction f of the
     substep goes f h/2 v.  Without this a stop is off by up to a h^2 / 2.
     """
-    moved = v.moved
+    im, ii, moved = k.im, k.ii, v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
     begin, end = give(crew, BACK, ZERO, k.n, LEAST_TILES)
-    some = find_stopped(im, ii, v, v0, begin, end)
+    some = find_stopped(k, v, v0, begin, end)
     collect(crew)
     for other in range(1, crew.size if end < k.n else 1):
         some |= crew.found[other * LINE]
@@ -407,19 +400,6 @@ def widest(n: int, x: np.ndarray, y: np.ndarray, pairs: Pairs, way: np.ndarray) 
         dx, dy = x[i] - px[i], y[i] - py[i]
         most = max(most, math.sqrt(dx * dx + dy * dy) + way[i])
     return most
-
-
-@inline
-def with_substep(k: Numbers, h: float) -> Numbers:
-    """The numbers of a scene with another substep.
-
-    What a solve leaves is a velocity, and moves tiles into each other for as long as the substep
-    is: the tolerance of a longer one is less.
-    """
-    return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.linear_damping,
-                   k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold,
-                   min(k.h / h, 1.0) * k.tolerance, k.passes, k.keep_lists, k.skip_converged,
-                   k.join_substeps, k.driven, k.wall, k.wall_x, k.wall_y)
 
 
 @inline
@@ -540,10 +520,8 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
 def place_all(k: Numbers, ahead: float, x: np.ndarray, y: np.ndarray, work: Work, begin: int,
               end: int) -> Any:
     """Where the rows of these blocks touch; see `place_rows`."""
-    v = work.bodies
-    return place_rows(work.rows, k.n, k.width, ahead, k.wall, k.wall_x, k.wall_y,
-                      1.0 / k.inertia / (1.0 / k.mass), k.threshold, x, y, work.c, work.s, v.vx,
-                      v.vy, v.w, begin, end)
+    return place_rows(work.rows, with_substep(k, ahead), x, y, work.c, work.s, work.bodies, begin,
+                      end)
 
 
 @inline
@@ -589,7 +567,6 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     copy(state.omega, v.w, n + 1)
     copy(tiles.mobile, v.mobile, n + 1)
     vx, vy, w = v.vx, v.vy, v.w
-    im, ii = 1.0 / k.mass, 1.0 / k.inertia
     contacts = reach > 0.0 or k.wall != 0
     parts = 2 if k.substeps % 2 == 0 else 1
     part_length, magnetic = step_length / parts, magnets.cutoff > 0.0 and reach > 0.0
@@ -631,10 +608,8 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     assume(k, left * tick, not few, x, y, angle, work)
                     added = np.int64(-1)
                     if few:
-                        added = add_rows(
-                            rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, angle,
-                            c, s, v.mobile, v.moved, im, k.mu, k.e, k.mu_wall, k.e_wall, way, far,
-                            widest(n, x, y, work.pairs, way))
+                        added = add_rows(rows, work.pairs, k, x, y, angle, c, s, v.mobile, v.moved,
+                                         way, far, widest(n, x, y, work.pairs, way))
                     if added >= 0:
                         m, late = m + added, late + added
                     else:
@@ -645,8 +620,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                                 break
                         turn(ZERO, n, angle, c, s)
                         found, others, overlap = find_rows(
-                            rows, work.pairs, n, k.width, k.wall, k.wall_x, k.wall_y, x, y, c, s,
-                            tiles.mobile, way, far, ahead, crew)
+                            rows, work.pairs, k, x, y, c, s, tiles.mobile, way, far, ahead, crew)
                         if found < 0:
                             error = MORE_ROWS
                             break
@@ -656,8 +630,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                                 scale_impulses(rows, TICKS / before_ticks)
                                 remember(rows, m, n, state.impulses)
                             m, late = found, ZERO
-                            known = colour_rows(rows, m, n, v.mobile, im, k.mu, k.e, k.mu_wall,
-                                                k.e_wall)
+                            known = colour_rows(rows, m, k, v.mobile)
                             if not known:
                                 error = MORE_ROWS
                                 break
@@ -709,23 +682,23 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
                 collect(crew)
                 if m > 0 or floor.law != 0:
-                    apply_impulses(rows, ii / im, v, crew)
-                    passes = relax(rows, m, kh, floor, im, ii, c, s, v, kh.tolerance, crew)
+                    apply_impulses(rows, k.per_mass, v, crew)
+                    passes = relax(rows, m, kh, floor, c, s, v, kh.tolerance, crew)
                     last[0] = passes if passes >= 0 else -1 - passes
                     if last[0] > FEW and wanted > TICKS:
                         wanted >>= 1
                     counts.unconverged[0] += 1 if passes < 0 else 0
                     counts.passes[0] += last[0]
                     if m > 0:
-                        limit_work(rows, kh, floor, im, ii, c, s, v, before, crew)
+                        limit_work(rows, kh, floor, c, s, v, before, crew)
                     if floor.law != 0:
-                        drift_back(kh, floor, before, im, ii, v, x, y, angle, crew)
+                        drift_back(kh, floor, before, v, x, y, angle, crew)
                 counts.rows[0] += m
                 low, high = give(crew, END, ZERO, n, LEAST_TILES)
                 damp(low, high, slow, slow_spin, v)
                 drift(low, high, 0.5 * h, v, x, y, angle)
                 collect(crew)
-                if m > 0 and project(rows, kh, ii / im, v, work.shift, x, y, angle, crew):
+                if m > 0 and project(rows, kh, v, work.shift, x, y, angle, crew):
                     counts.projections[0] += 1
                 left -= ticks
                 further = beyond(k, left * tick, x, y, angle, work) if contacts and left > 0 else 0
@@ -768,7 +741,6 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
     state, tiles, work = lean(state), lean(tiles), lean(work)
     x, y, angle, v, rows, crew = (state.x, state.y, state.angle, work.bodies, work.rows,
                                   work.crew)
-    im, ii = 1.0 / k.mass, 1.0 / k.inertia
     while True:
         job += 1
         wait_for(crew.job, 0, job)
@@ -793,18 +765,18 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == KICK:
             kick(k, h, work.fx, work.fy, work.torque, v, work.shift, first, last)
         elif what == APPLY:
-            apply_blocks(rows, ii / im, v, first, last)
+            apply_blocks(rows, k.per_mass, v, first, last)
         elif what == SWEEP:
-            sweep_blocks(rows, ii / im, v, first, last)
+            sweep_blocks(rows, k.per_mass, v, first, last)
         elif what == FLOOR:
-            floor_tiles(floor, with_substep(k, h), im, ii, work.c, work.s, v, first, last)
+            floor_tiles(floor, with_substep(k, h), work.c, work.s, v, first, last)
         elif what == TALLY:
             crew.found[me * LINE], crew.deepest[me * LINE] = changed(
                 rows, LITTLE * with_substep(k, h).tolerance, first, last)
         elif what == WORK:
-            work_on(k, im, ii, v, work.shift, first, last)
+            work_on(k, v, work.shift, first, last)
         elif what == BACK:
-            crew.found[me * LINE] = find_stopped(im, ii, v, work.shift, first, last)
+            crew.found[me * LINE] = find_stopped(k, v, work.shift, first, last)
         elif what == DEEP:
             find_deep(rows, with_substep(k, h), first, last)
         elif what == END:
@@ -816,9 +788,8 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
                 work.turning, work.magnets, me, crew.size, first, last)
             crew.found[me * LINE], crew.found[me * LINE + 1] = pairs, left
         elif what == ROWS:
-            m, deepest = rows_from(
-                rows, work.pairs, k.n, k.width, k.wall, k.wall_x, k.wall_y, x, y, work.c, work.s,
-                tiles.mobile, work.way, work.far, me, crew.size, first, last)
+            m, deepest = rows_from(rows, work.pairs, k, x, y, work.c, work.s, tiles.mobile,
+                                   work.way, work.far, me, crew.size, first, last)
             crew.found[me * LINE], crew.deepest[me * LINE] = m, deepest
         elif what == AHEAD:
             look_ahead(h, magnets, x, y, angle, work, first, last)

@@ -11,7 +11,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tbsa.kernels.bodies import Numbers
 from tbsa.kernels.jit import lane
+
+CIRCLE, RECTANGLE = 1, 2
 
 # Two corners that pass each other with less overlap than this fraction of the width do not
 # touch: an exact corner would catch on every joint between the tiles of a straight wall.
@@ -150,3 +153,53 @@ def cos_sin(angle: float) -> Any:
     c = -c if (quarter == 1.0) | (quarter == 2.0) else c
     s = -s if quarter >= 2.0 else s
     return c, s
+
+
+@lane
+def pair_gap(dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
+             half: float) -> float:
+    """Largest gap of two squares across a face of one of them (m); they are this far apart."""
+    cos, sin = ca * cb + sa * sb, ca * sb - sa * cb
+    on_a = max(abs(dx * ca + dy * sa), abs(dy * ca - dx * sa))
+    on_b = max(abs(dx * cb + dy * sb), abs(dy * cb - dx * sb))
+    return max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin))
+
+
+@lane
+def off_wall(k: Numbers, x: float, y: float, reach: float) -> bool:
+    """Whether nothing within this reach of a place meets the wall."""
+    near = k.wall_x - reach
+    inside = (near > 0.0) & (x * x + y * y < near * near)
+    between = (abs(x) + reach < k.wall_x) & (abs(y) + reach < k.wall_y)
+    return inside if k.wall == CIRCLE else between
+
+
+@lane
+def corner_arm(q: int, half: float, c: float, s: float) -> Any:
+    """From a tile's centre to its corner q, counter-clockwise from that between E and N."""
+    ex = half if (q == 0) | (q == 3) else -half
+    ey = half if q < 2 else -half
+    return c * ex - s * ey, s * ex + c * ey
+
+
+@lane
+def corner_gap(k: Numbers, code: int, x: float, y: float, c: float, s: float) -> float:
+    """Gap of a tile's corner to a side of the wall, both told by a code (m).
+
+    The corner is code / 2, and the side of a rectangle code % 2; a circle has but one, side 0.
+    """
+    rx, ry = corner_arm(code // 2, 0.5 * k.width, c, s)
+    gap, _, _ = wall_gap(k, code % 2, x + rx, y + ry)
+    return math.inf if (k.wall == CIRCLE) & (code % 2 == 1) else gap
+
+
+@lane
+def wall_gap(k: Numbers, side: int, px: float, py: float) -> Any:
+    """Gap of a point to the wall, and the normal outwards."""
+    gap, nx, ny = circle_corner(px, py, k.wall_x)
+    east, north = 1.0 if px > 0.0 else -1.0, 1.0 if py > 0.0 else -1.0
+    round_wall = k.wall == CIRCLE
+    gap = gap if round_wall else (k.wall_x - abs(px) if side == 0 else k.wall_y - abs(py))
+    nx = nx if round_wall else (east if side == 0 else 0.0)
+    ny = ny if round_wall else (0.0 if side == 0 else north)
+    return gap, nx, ny

@@ -20,7 +20,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tbsa.kernels.arrays import columns, set_all
-from tbsa.kernels.contacts import (
+from tbsa.kernels.bodies import Bodies, Numbers
+from tbsa.kernels.contacts import SPARE, place_block, weigh_block
+from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
+from tbsa.kernels.jit import ZERO, U, inline
+from tbsa.kernels.routh import routh
+from tbsa.kernels.rows import (
     AN0,
     AN1,
     BASE,
@@ -47,7 +52,6 @@ from tbsa.kernels.contacts import (
     PN0,
     PN1,
     PT,
-    SPARE,
     VN0,
     VN1,
     WANT0,
@@ -57,16 +61,9 @@ from tbsa.kernels.contacts import (
     WARMT,
     E,
     Rows,
-    corner_arm,
-    place_block,
     root,
-    wall_gap,
-    weigh_block,
 )
-from tbsa.kernels.geometry import cos_sin, square_square
-from tbsa.kernels.jit import ZERO, U, inline
-from tbsa.kernels.routh import routh
-from tbsa.kernels.solver import Bodies, Numbers, lane_of, solve_row
+from tbsa.kernels.sweeps import lane_of, solve_row
 
 # Points nearer than this fraction of the width take part in an impact of their tiles.
 TOUCHING = 1e-3
@@ -146,7 +143,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
         if wall:
             corner = int(r[i + ID1])
             rx, ry = corner_arm(corner // 2, 0.5 * k.width, ca, sa)
-            gap, nx, ny = wall_gap(k.wall, corner % 2, k.wall_x, k.wall_y, xa + rx, ya + ry)
+            gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
             an, bn = rx * ny - ry * nx, 0.0
             at, bt = rx * nx + ry * ny, 0.0
         else:
@@ -194,9 +191,9 @@ def fly_on(r: np.ndarray, i: int, h: float) -> None:
 
 
 @inline
-def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: float,
-                v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
-                c: np.ndarray, s: np.ndarray) -> int:
+def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch,
+                x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
+                s: np.ndarray) -> int:
     """Routh's impact at the one point of a row that hits.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
@@ -215,7 +212,7 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
     if how != ALONE:
         return int(how)
     a, b = U(body[t]), U(body[t + LANES])
-    vx, vy, w = v.vx, v.vy, v.w
+    vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
     ma, mb = v.mobile[a], v.mobile[b]
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
     ktt = im * (ma + mb) + ii * (ma * at * at + mb * bt * bt)
@@ -244,17 +241,17 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, im: float, ii: fl
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
     row = 8 * block + int(lane)
-    place_again(rows, row, k, ii / im, threshold, v, z, x, y, c, s)
+    place_again(rows, row, k, threshold, v, z, x, y, c, s)
     for body_index in (a, b):
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
             if rows.of[p] != row:
-                place_again(rows, rows.of[p], k, ii / im, threshold, v, z, x, y, c, s)
+                place_again(rows, rows.of[p], k, threshold, v, z, x, y, c, s)
     return ALONE
 
 
 @inline
-def place_again(rows: Rows, row: int, k: Numbers, per_mass: float, threshold: float, v: Bodies,
-                z: Scratch, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+def place_again(rows: Rows, row: int, k: Numbers, threshold: float, v: Bodies, z: Scratch,
+                x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
     """A row from where its tiles are now, and whether it hits at their new velocities.
 
     It is placed with its block, of whose other rows, far away perhaps, nothing has changed: what
@@ -266,9 +263,8 @@ def place_again(rows: Rows, row: int, k: Numbers, per_mass: float, threshold: fl
         for i in range(LANES):
             kept[n] = r[first + field + i]
             n += 1
-    place_block(rows, block, k.n, k.width, k.h, k.wall, k.wall_x, k.wall_y, x, y, c, s, v.vx, v.vy,
-                v.w)
-    weigh_block(rows, block, k.h, per_mass, threshold)
+    place_block(rows, block, k, x, y, c, s, v)
+    weigh_block(rows, block, k.h, k.per_mass, threshold)
     n, rows.hits[block] = ZERO, 0
     for field in (HIT, WANT0, WANT1, BEND0, BEND1):
         for i in range(LANES):
@@ -298,8 +294,7 @@ def enter(rows: Rows, q: int, h: float, mobile: np.ndarray, v: Bodies, z: Scratc
 
 
 @inline
-def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size: int,
-           fine: float) -> None:
+def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, size: int, fine: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
     Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
@@ -314,7 +309,7 @@ def settle(rows: Rows, k: Numbers, per_mass: float, v: Bodies, z: Scratch, size:
         for j in range(size):
             q = now[j]
             known[q] = 1
-            change = solve_row(rows, q, per_mass, v)
+            change = solve_row(rows, q, k.per_mass, v)
             if change <= fine:
                 continue
             t = U(q // 8) * BODIES + U(q % 8)
@@ -445,8 +440,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                     if mobile[tile] != 0.0:
                         how = max(how, company(rows, tile, row, time, k))
                 if how == ALONE:
-                    how = lone_impact(rows, block, i, k, 1.0 / k.mass, 1.0 / k.inertia, v, z, x,
-                                      y, angle, c, s)
+                    how = lone_impact(rows, block, i, k, v, z, x, y, angle, c, s)
                     more += 1 if how == ALONE else 0
                 elif how == LATER and turn < ROUNDS - 1:
                     more += 1
@@ -465,7 +459,6 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
 def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
              c: np.ndarray, s: np.ndarray, size: int) -> None:
     """Impulses of the `size` rows in ``rows.now``, that hit together, and of what they reach."""
-    im, ii = 1.0 / k.mass, 1.0 / k.inertia
     r, body, mobile = rows.field, rows.body, v.mobile
     set_all(z.size, ZERO)
     fastest = 0.0
@@ -477,7 +470,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     fine = min(ROUGH * k.tolerance, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, ii / im, v, z, size, fine)
+    settle(rows, k, v, z, size, fine)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -500,16 +493,16 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             nx, ny, ma, mb = r[at + NX], r[at + NY], r[at + MA], r[at + MB]
             v.vx[a] -= ma * nx * (p0 + p1)
             v.vy[a] -= ma * ny * (p0 + p1)
-            v.w[a] -= ii / im * ma * (r[at + AN0] * p0 + r[at + AN1] * p1)
+            v.w[a] -= k.per_mass * ma * (r[at + AN0] * p0 + r[at + AN1] * p1)
             v.vx[b] += mb * nx * (p0 + p1)
             v.vy[b] += mb * ny * (p0 + p1)
-            v.w[b] += ii / im * mb * (r[at + BN0] * p0 + r[at + BN1] * p1)
+            v.w[b] += k.per_mass * mb * (r[at + BN0] * p0 + r[at + BN1] * p1)
             z.known[q] = 2
             rows.now[size] = q
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, ii / im, v, z, size, fine)
+        settle(rows, k, v, z, size, fine)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
@@ -538,5 +531,5 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                    + 0.7072 * k.width * abs(v.w[i]))
         if k.h * corners > SPARE * k.width:
             for p in range(rows.start[i], rows.start[i + 1]):
-                place_again(rows, rows.of[p], k, ii / im, k.threshold + ROUGH * k.tolerance,
-                            v, z, x, y, c, s)
+                place_again(rows, rows.of[p], k, k.threshold + ROUGH * k.tolerance, v, z,
+                            x, y, c, s)

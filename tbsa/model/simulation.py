@@ -23,14 +23,15 @@ from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels import drives
 from tbsa.kernels.arrays import columns
-from tbsa.kernels.contacts import CIRCLE, RECTANGLE, empty_impulses, empty_rows
+from tbsa.kernels.bodies import Numbers, empty_bodies
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE, FloorLaw
+from tbsa.kernels.geometry import CIRCLE, RECTANGLE
 from tbsa.kernels.impacts import empty_scratch
 from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
-from tbsa.kernels.solver import Numbers, empty_bodies
+from tbsa.kernels.rows import empty_impulses, empty_rows
 from tbsa.model.layout import Layout, check, initial_layout
 from tbsa.model.scene import Scene, engine_path
 
@@ -140,12 +141,14 @@ class Simulation:
         )
         wall_friction, wall_restitution = (wall.friction, wall.restitution) if wall else (0.0, 0.0)
         circle = wall is not None and wall.shape == "circle"
+        inertia = body.mass * body.width**2 / 6.0
         # Every float a float: another type would be another signature, compiled anew.
         self.numbers = Numbers(
             n=n, width=float(body.width), h=self.h / scene.solver.substeps,
             substeps=int(scene.solver.substeps),
             mass=float(body.mass),
-            inertia=float(body.mass * body.width**2 / 6.0),
+            inertia=float(inertia), im=1.0 / body.mass, ii=1.0 / inertia,
+            per_mass=1.0 / inertia / (1.0 / body.mass),
             linear_damping=float(body.linear_damping),
             angular_damping=float(body.angular_damping),
             mu=float(body.friction), mu_wall=float(wall_friction), e=float(body.restitution),

@@ -70,11 +70,12 @@ DELETED = {
     "magnets": {"advance.py": [(r"magnets\.cutoff > 0\.0 and reach > 0\.0", "False"),
                                (r"law\.cutoff > 0\.0", "False"),
                                (r"law\.cutoff <= 0\.0", "True")]},
-    "wall": {"advance.py": [(r"k\.wall == CIRCLE", "False"), (r"k\.wall != 0", "False"),
-                            (r"k\.wall, k\.wall_x, k\.wall_y(?!\))", "0, 0.0, 0.0")],
-             "contacts.py": [(r"if wall == 0 or", "if True or"), (r"if end <= pairs:", "if True:")],
-             "impacts.py": [(r"k\.wall, k\.wall_x, k\.wall_y", "0, 0.0, 0.0")]},
-    "floor": {"advance.py": [(r"floor\.law", "0")], "solver.py": [(r"floor\.law", "0")]},
+    "wall": {"advance.py": [(r"k\.wall == CIRCLE", "False"), (r"k\.wall != 0", "False")],
+             "rows.py": [(r"if k\.wall == 0 or", "if True or")],
+             "contacts.py": [(r"if end <= pairs:", "if True:"),
+                             (r"if rows\.body\[U\(block\) \* BODIES \+ LANES\] == k\.n:",
+                              "if False:")]},
+    "floor": {name: [(r"floor\.law", "0")] for name in ("advance.py", "solver.py", "sweeps.py")},
     "drive": {"advance.py": [(r"k\.driven == 0", "True"), (r"k\.driven != 0", "False")]},
 }
 Row = dict[str, Any]

@@ -1,0 +1,204 @@
+"""Projection: what overlaps deeply is moved apart, without a change of velocity that adds energy.
+
+The velocity solve does not press points apart, so that overlap comes only from the curvature of
+fast rotations and from solves that end before they have converged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tbsa.kernels.arrays import copy, set_all
+from tbsa.kernels.bodies import Bodies, Numbers
+from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, Crew, collect, give
+from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.manifold import two_points
+from tbsa.kernels.rows import (
+    AN0,
+    AN1,
+    AW,
+    AX,
+    AY,
+    BEND0,
+    BEND1,
+    BLOCK,
+    BN0,
+    BN1,
+    BODIES,
+    BW,
+    BX,
+    BY,
+    COLOURS,
+    COUNT,
+    GAP0,
+    GAP1,
+    HIT,
+    I00,
+    I11,
+    IDET,
+    K00,
+    K01,
+    K11,
+    LANES,
+    MA,
+    MB,
+    NX,
+    NY,
+    PN0,
+    PN1,
+    Rows,
+)
+from tbsa.kernels.sweeps import lane_of, queue
+
+# Overlap that is left alone (fraction of the width).  The velocity solve does not press points
+# together, so overlap comes from the curvature of fast rotations and from unconverged passes.
+SLOP = 1e-3
+# Tolerances beyond the threshold of restitution at which a pressed point still is on its way.
+FLYING = 2.0
+# Passes of what takes it back, in a substep; and as many more over what is deeper, in slops, while
+# that is few rows, or no more than there are blocks.  Two passes alone left jammed tiles 1 % of the
+# width in each other for up to half a second.
+PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
+
+
+@inline
+def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
+             angle: np.ndarray, left: float) -> bool:
+    """Move the bodies of row q apart, if a point of it will overlap by more than `left` (m).
+
+    It goes three fifths of the way back to four fifths of that, so that a point at rest is not
+    at it again in each substep, and never further than 2 % of the width; the other point may close
+    its gap.  Returns whether there was something to do.
+    """
+    slop, most = 0.8 * left, 0.02 * k.width
+    spare = slop - left
+    r, body, sx, sy, sw = rows.field, rows.body, shift.vx, shift.vy, shift.w
+    vx, vy, w = v.vx, v.vy, v.w
+    i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    nx, ny, two = r[i + NX], r[i + NY], r[i + COUNT] > 1.5
+    # Where the points will be after a substep at these velocities, with what has been moved yet.
+    turn_a, turn_b = k.h * w[a] + sw[a], k.h * w[b] + sw[b]
+    along = (nx * (k.h * (vx[b] - vx[a]) + sx[b] - sx[a])
+             + ny * (k.h * (vy[b] - vy[a]) + sy[b] - sy[a]))
+    h2 = k.h * k.h
+    g0 = (r[i + GAP0] + h2 * r[i + BEND0] + slop + along + r[i + BN0] * turn_b
+          - r[i + AN0] * turn_a)
+    g1 = (r[i + GAP1] + h2 * r[i + BEND1] + slop + along + r[i + BN1] * turn_b
+          - r[i + AN1] * turn_a)
+    if g0 >= spare and (g1 >= spare or not two):
+        return False
+    g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
+    g1 = g1 if g1 > 0.0 else max(0.6 * g1, -most)
+    if two:
+        p0, p1 = two_points(g0, g1, r[i + K01], r[i + I00], r[i + I11], r[i + K00], r[i + K11],
+                            r[i + IDET])
+    else:
+        p0, p1 = -g0 * r[i + I00], 0.0
+    qa, qb = (p0 + p1) * r[i + MA], (p0 + p1) * r[i + MB]
+    turn_a = -k.per_mass * r[i + MA] * (r[i + AN0] * p0 + r[i + AN1] * p1)
+    turn_b = k.per_mass * r[i + MB] * (r[i + BN0] * p0 + r[i + BN1] * p1)
+    sx[a] -= qa * nx
+    sy[a] -= qa * ny
+    sw[a] += turn_a
+    sx[b] += qb * nx
+    sy[b] += qb * ny
+    sw[b] += turn_b
+    x[a] -= qa * nx
+    y[a] -= qa * ny
+    angle[a] += turn_a
+    x[b] += qb * nx
+    y[b] += qb * ny
+    angle[b] += turn_b
+    if qa * qb != 0.0:
+        # As a skater's spin slows when the arms go out: two free tiles that are moved apart
+        # along n keep their angular momentum by losing of their tangential velocity, and only
+        # lose.
+        apart = nx * (x[b] - x[a]) + ny * (y[b] - y[a])
+        slip = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a])
+        lost = min(qa / apart, 0.5) * slip
+        vx[a] -= lost * ny
+        vy[a] += lost * nx
+        vx[b] += lost * ny
+        vy[b] -= lost * nx
+    return True
+
+
+@lane
+def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
+    """Mark the rows of these blocks that will overlap by more than the slop after a substep, in
+    ``hit``, and count them in ``hits``.
+
+    With the velocities of each row when it was last solved, which is near enough to choose.
+    A point that the solve has only kept from coming too far, as it is still on its way at more
+    than what a solve leaves, gets rid of its impulse: it has not been in contact, and hits in the
+    next substep.
+    """
+    r, hits, low = rows.field, rows.hits, -SLOP * k.width
+    away = k.h * (k.threshold + FLYING * k.tolerance)
+    for block in range(begin, last):
+        o = U(block) * BLOCK
+        some = 0
+        for i in range(LANES):
+            at = o + i
+            wa, wb, count = r[at + AW], r[at + BW], r[at + COUNT]
+            along = r[at + NX] * (r[at + BX] - r[at + AX]) + r[at + NY] * (r[at + BY] - r[at + AY])
+            g0 = r[at + GAP0] + k.h * (along + k.h * r[at + BEND0] + r[at + BN0] * wb
+                                       - r[at + AN0] * wa)
+            g1 = r[at + GAP1] + k.h * (along + k.h * r[at + BEND1] + r[at + BN1] * wb
+                                       - r[at + AN1] * wa)
+            near = ((g0 < low) & (count > 0.5)) | ((g1 < low) & (count > 1.5))
+            r[at + HIT] = 1.0 if near else 0.0
+            r[at + PN0] = 0.0 if r[at + GAP0] > away else r[at + PN0]
+            r[at + PN1] = 0.0 if r[at + GAP1] > away else r[at + PN1]
+            some += 1 if near else 0
+        hits[block] = some
+
+
+@inline
+def project(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
+            angle: np.ndarray, crew: Crew) -> bool:
+    """Move deeply overlapping tiles apart; returns whether there were any.
+
+    The velocity solve does not push apart what overlaps, so that it never adds energy; a
+    solved scene does not need this.  Rows one by one, from the deep ones on to those of the
+    tiles that they move; what is left after some passes is there again in the next substep.
+    """
+    r, body, first, now, queued = rows.field, rows.body, rows.first, rows.now, rows.queued
+    begin, last = give(crew, DEEP, ZERO, first[COLOURS], LEAST_BLOCKS)
+    find_deep(rows, k, begin, last)
+    collect(crew)
+    size = 0
+    for block in range(first[COLOURS]):
+        if rows.hits[block] == 0:
+            continue
+        o = U(block) * BLOCK
+        for i in range(LANES):
+            if r[o + HIT + i] != 0.0:
+                now[size] = 8 * block + int(i)
+                queued[now[size]] = 1
+                size += 1
+    if size == 0:
+        return False
+    set_all(shift.vx, 0.0)
+    set_all(shift.vy, 0.0)
+    set_all(shift.w, 0.0)
+    some, left = 0, SLOP * k.width
+    for p in range(PROJECTIONS + FURTHER):
+        m = ZERO
+        left = left if p < PROJECTIONS else DEEPER * SLOP * k.width
+        for j in range(size):
+            q = now[j]
+            queued[q] = 0
+            if part_row(rows, q, k, v, shift, x, y, angle, left):
+                t = U(q // 8) * BODIES + U(q % 8)
+                m = queue(rows, v, body[t], m)
+                m = queue(rows, v, body[t + LANES], m)
+        some += m
+        copy(rows.then, now, m)
+        size = m
+        if m == 0 or (p + 1 >= PROJECTIONS and m > max(FEW_ROWS, first[COLOURS])):
+            break
+    for j in range(size):
+        queued[now[j]] = 0
+    return some > 0

@@ -1,0 +1,478 @@
+"""Rows: every manifold that may matter in this step, in blocks that vectorise.
+
+A row is one manifold.  Eight rows without a common mobile tile make a block, blocks of one
+colour have no common tile either, and a field of a block is eight neighbouring numbers (its
+lanes): a loop over the lanes is plain vector code, and the solve of a block is that of its rows
+one after the other.  Which rows there are is found once a step; where they touch, every substep
+(`contacts.py`).
+
+Body index n is the ground (the wall); it never moves.  Rows are kept in the order of a, then b,
+then corner, and coloured in that order; both depend on tile numbers alone, whatever the age of
+the pair list.  A row that found no colour, or is found late, in the middle of a step, is alone in
+a block and solved by itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tbsa.kernels.arrays import columns, copy, set_all
+from tbsa.kernels.bodies import Numbers
+from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
+from tbsa.kernels.geometry import corner_gap, cos_sin, off_wall, pair_gap
+from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
+
+# Two tiles have a row in this step if they can come as near as this fraction of the width, at
+# their speeds and under the forces at its beginning.
+NEAR = 0.05
+# A square's diagonal (widths), rounded up.
+DIAGONAL = 1.41422
+LANES = U(8)
+FIELDS = (
+    "count",                       # points: 0, 1 or 2
+    "pn0", "pn1",                  # N s, normal impulses, >= 0
+    "pt",                          # N s, friction impulse of the manifold
+    "base",                        # N s, normal impulse applied before that friction counts on
+    "ma", "mb",                    # 1/kg, inverse masses
+    "change",                      # m/s, by which a solve changed a contact velocity
+    "nx", "ny",                    # normal, from a to b
+    "at", "bt",                    # m, r . n from a and from b: the lever arms of friction
+    "an0", "bn0", "an1", "bn1",    # m, r x n: the lever arms of the normal impulses
+    "gap0", "gap1",                # m
+    "id0", "id1",                  # feature ids of the points
+    "warm0", "warm1", "warmt",     # N s, the impulses at the end of the last substep
+    "bend0", "bend1",              # m/s^2, what the gap gains along the arc, over h^2; see `bends`
+    "want0", "want1",              # m/s, the solve makes vn >= -want
+    "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
+    "i00", "i11", "itt", "idet",   # kg, kg^2
+    "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching
+    "hit",                         # 1, 2: the point that hits in this substep; 3: both
+    "mu", "e",                     # friction, restitution
+    "ax", "ay", "aw",              # scratch: of body a, and b (velocities)
+    "bx", "by", "bw",
+)
+(COUNT, PN0, PN1, PT, BASE, MA, MB, CHANGE, NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, ID0,
+ ID1, WARM0, WARM1, WARMT, BEND0, BEND1, WANT0, WANT1, K00, K01, K11, KTT, I00, I11, ITT, IDET,
+ VN0, VN1, HIT, MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
+ZEROED = CHANGE + LANES  # numbers of a block, its first, that a new row needs to be zero
+BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
+BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
+CHUNK = 8  # blocks that are worked on together
+# Colours of pairs; then those of walls, of which a tile has eight rows at most; then the rows
+# that are alone.
+PAIR_COLOURS, WALL_COLOURS = 47, 8
+PAIR_BITS = 2**PAIR_COLOURS - 1
+ALONE = PAIR_COLOURS + WALL_COLOURS
+COLOURS = ALONE + 1
+
+
+class Rows(NamedTuple):
+    """The rows of a step, and the blocks they are kept in."""
+
+    a: np.ndarray  # int64, the rows in the order found
+    b: np.ndarray  # int64, n for the wall
+    corner: np.ndarray  # int64, of a at the wall, twice, and the side of a rectangle; 0 for pairs
+    slot: np.ndarray  # int64, where its lane begins in `field`
+    field: np.ndarray  # float64[blocks * BLOCK]
+    body: np.ndarray  # int64[blocks * BODIES]
+    first: np.ndarray  # int64[COLOURS + 1], first block of every colour
+    single: np.ndarray  # int64, one a block: rows of a single point in it
+    hits: np.ndarray  # int64, one a block: points that hit; then rows that changed, or are deep
+    active: np.ndarray  # int64, one a block: scratch
+    queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass, or never
+    # to be, as it is not in contact ...
+    now: np.ndarray  # int64, eight a block: the list of this pass, each row as 8 block + lane
+    then: np.ndarray  # int64, eight a block: ... of the next
+    new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
+    new_b: np.ndarray
+    new_corner: np.ndarray
+    start: np.ndarray  # int64[n + 2], where the rows of every body begin in ...
+    of: np.ndarray  # int64, the rows of every mobile tile, each as 8 block + lane
+    island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
+    used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
+    fill: np.ndarray  # int64[COLOURS], scratch
+    colours: np.ndarray  # int64[ALONE], the colours in use, in order, without the last
+    size: np.ndarray  # int64[2], rows, and colours in use
+    effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
+
+
+class Impulses(NamedTuple):
+    """The impulses at the end of the last step: part of the state and of a checkpoint."""
+
+    size: np.ndarray  # int64[1]
+    a: np.ndarray  # int64
+    b: np.ndarray  # int64
+    id0: np.ndarray  # int64
+    id1: np.ndarray  # int64, -1 for a manifold of one point
+    pn0: np.ndarray
+    pn1: np.ndarray
+    pt: np.ndarray
+
+
+def empty_rows(n: int, capacity: int) -> Rows:
+    """Space for `capacity` rows of `n` tiles."""
+    blocks = capacity // int(LANES) + capacity // 16 + 2 * COLOURS
+    field = np.zeros(blocks * int(BLOCK) + 8)
+    shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
+    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [8 * blocks] * 3, [capacity] * 3,
+             [n + 2, 2 * capacity])
+    lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
+    return Rows._make([
+        *lists[0], field[shift : shift + blocks * int(BLOCK)],
+        np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
+        np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
+        np.zeros(ALONE, np.int64),
+        np.zeros(2, np.int64), np.zeros(2, np.int64)])
+
+
+def empty_impulses(capacity: int) -> Impulses:
+    """Space for the impulses of `capacity` manifolds; none stored."""
+    whole = {"a", "b", "id0", "id1"}
+    return Impulses(np.zeros(1, np.int64), *columns(
+        capacity, [int if f in whole else float for f in Impulses._fields[1:]]))
+
+
+@inline
+def find_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarray,
+              s: np.ndarray, mobile: np.ndarray, way: np.ndarray, far: np.ndarray, spare: int,
+              crew: Crew) -> Any:
+    """List what may touch in this step, in which the tiles' centres go as far as `way` and their
+    corners as `far` as this (m).
+
+    Returns the number of new rows, -1 where they do not fit, whether they are others than the
+    rows that there are, and their deepest overlap (m).
+    """
+    # Space is left for what else the middle of a step may bring.
+    room = rows.a.size - spare * (rows.a.size // 5)
+    at, end = give(crew, ROWS, ZERO, room, LEAST_ROOM)
+    m, overlap = rows_from(rows, pairs, k, x, y, c, s, mobile, way, far, ZERO,
+                           crew.size if end < room else 1, at, end)
+    collect(crew)
+    for other in range(1, crew.size if end < room else 1):
+        more = crew.found[other * LINE]
+        at, _ = share(crew, other, ZERO, room)
+        overlap = max(overlap, crew.deepest[other * LINE])
+        if m < 0 or more < 0:
+            m = -1
+        else:
+            close_up(rows.new_a, at, m, more)
+            close_up(rows.new_b, at, m, more)
+            close_up(rows.new_corner, at, m, more)
+            m += more
+    return m, m != rows.size[0] or not same_rows(rows, m), overlap
+
+
+@inline
+def same_rows(rows: Rows, m: int) -> bool:
+    """Whether the first m new rows are the rows that there are."""
+    ra, rb, corner, na, nb, new_corner = (rows.a, rows.b, rows.corner, rows.new_a, rows.new_b,
+                                          rows.new_corner)
+    others = 0
+    for i in range(U(m)):
+        others |= (ra[i] ^ na[i]) | (rb[i] ^ nb[i]) | (corner[i] ^ new_corner[i])
+    return others == 0
+
+
+@lane
+def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarray,
+              s: np.ndarray, mobile: np.ndarray, way: np.ndarray, far: np.ndarray, me: int,
+              threads: int, at: int, end: int) -> Any:
+    """The rows of one of so many shares of the tiles, from place `at` to `end` of the new ones.
+
+    Returns the number of them, -1 where they do not fit, and their deepest overlap (m).
+    """
+    start, other = pairs.start, pairs.other
+    na, nb, new_corner = rows.new_a, rows.new_b, rows.new_corner
+    m, half, diagonal, deepest = at, 0.5 * k.width, DIAGONAL * k.width, 0.0
+    for a in range(first_of(pairs, k.n, me, threads), first_of(pairs, k.n, me + 1, threads)):
+        way_a, far_a = way[a], far[a]
+        for p in range(start[a], start[a + 1]):
+            b = U(other[p])
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            margin = far_a + far[b]
+            reach = diagonal + way_a + way[b]
+            if dx * dx + dy * dy > reach * reach:
+                continue
+            gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
+            if gap > margin:
+                continue
+            if m == end:
+                return -1, 0.0
+            deepest = min(deepest, gap)
+            na[m], nb[m], new_corner[m] = a, other[p], 0
+            m += 1
+        if k.wall == 0 or mobile[a] == 0.0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way_a):
+            continue
+        for code in range(8):
+            gap = corner_gap(k, code, x[a], y[a], c[a], s[a])
+            if gap > far_a:
+                continue
+            if m == end:
+                return -1, 0.0
+            deepest = min(deepest, gap)
+            na[m], nb[m], new_corner[m] = a, k.n, code
+            m += 1
+    return m - at, -deepest
+
+
+@inline
+def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
+             angle: np.ndarray, c: np.ndarray, s: np.ndarray, mobile: np.ndarray,
+             marked: np.ndarray, way: np.ndarray, far: np.ndarray, widest: float) -> int:
+    """Rows that the marked tiles have besides those that there are.
+
+    These tiles will come further, `way` and `far` (m), than was assumed at the beginning of the
+    step; all others not.  No tile will be further than `widest` (m) from where it was when the
+    pairs were listed.  Returns the number of new rows, -1 where they do not fit.
+    """
+    near, n, half, diagonal = rows.used, k.n, 0.5 * k.width, DIAGONAL * k.width
+    m, found = rows.size[0], ZERO
+    most = min(rows.a.size - m, rows.single.size - rows.first[COLOURS])
+    for a in range(n):
+        if marked[a] == 0:
+            continue
+        c[a], s[a] = cos_sin(angle[a])
+        for j in range(near_place(pairs, x[a], y[a], diagonal + way[a] + widest, near)):
+            b = U(near[j])
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            reach = diagonal + way[a] + way[b]
+            # Two that are marked are found by the first of them.
+            if (near[j] == a or (marked[b] != 0 and near[j] < a)
+                    or dx * dx + dy * dy > reach * reach):
+                continue
+            c[b], s[b] = cos_sin(angle[b])
+            if (pair_gap(dx, dy, c[a], s[a], c[b], s[b], half) > far[a] + far[b]
+                    or has_row(rows, a, near[j], n, ZERO)):
+                continue
+            if found == most:
+                return -1
+            insert(rows, found, min(a, near[j]), max(a, near[j]), ZERO)
+            found += 1
+        if k.wall == 0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way[a]):
+            continue
+        for code in range(8):
+            gap = corner_gap(k, code, x[a], y[a], c[a], s[a])
+            if gap > far[a] or has_row(rows, a, n, n, code):
+                continue
+            if found == most:
+                return -1
+            insert(rows, found, a, n, code)
+            found += 1
+    if found == 0:
+        return 0
+
+    # Among the rows that there are, from the last one down; each in a block of its own.
+    ra, rb, corner, slot = rows.a, rows.b, rows.corner, rows.slot
+    na, nb, new_corner, field = rows.new_a, rows.new_b, rows.new_corner, rows.field
+    block = rows.first[COLOURS]
+    rows.first[COLOURS] += found
+    rows.size[0] = m + found
+    i, j = m - 1, found - 1
+    for to in range(m + found - 1, -1, -1):
+        if j < 0:
+            break
+        if i >= 0 and earlier(na[j], nb[j], new_corner[j], ra[i], rb[i], corner[i]):
+            ra[to], rb[to], corner[to], slot[to] = ra[i], rb[i], corner[i], slot[i]
+            i -= 1
+            continue
+        a, b, code = na[j], nb[j], new_corner[j]
+        ra[to], rb[to], corner[to], slot[to] = a, b, code, (block + j) * int(BLOCK)
+        empty_block(rows, block + j, n, BLOCK)
+        fill_lane(rows, U(slot[to]), (block + j) * int(BODIES), a, b, k, mobile)
+        if b == n:
+            field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = code, code
+        j -= 1
+    index_rows(rows, m + found, n, mobile)
+    return int(found)
+
+
+@lane
+def earlier(a: int, b: int, code: int, other_a: int, other_b: int, other_code: int) -> bool:
+    """Whether a row is before another one in the order of rows."""
+    return (a < other_a) | ((a == other_a) & ((b < other_b)
+                                              | ((b == other_b) & (code < other_code))))
+
+
+@inline
+def insert(rows: Rows, found: int, a: int, b: int, code: int) -> None:
+    """Put a row in its place among the new ones, of which there are so many."""
+    na, nb, new_corner = rows.new_a, rows.new_b, rows.new_corner
+    j = found
+    while j > 0 and earlier(a, b, code, na[j - 1], nb[j - 1], new_corner[j - 1]):
+        na[j], nb[j], new_corner[j] = na[j - 1], nb[j - 1], new_corner[j - 1]
+        j -= 1
+    na[j], nb[j], new_corner[j] = a, b, code
+
+
+@inline
+def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
+    """Whether there is a row of a mobile tile a and b, at this corner if b is the wall."""
+    body, of = rows.body, rows.of
+    for p in range(rows.start[a], rows.start[a + 1]):
+        t = U(of[p] // 8) * BODIES + U(of[p] % 8)
+        if (((body[t] == a and body[t + LANES] == b) or (body[t] == b and body[t + LANES] == a))
+                and (b < n or rows.field[U(of[p] // 8) * BLOCK + U(of[p] % 8) + ID1] == code)):
+            return True
+    return False
+
+
+@inline
+def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
+    """Take the m new rows, and give them their places in the blocks, empty of impulses.
+
+    Greedily, in order: a row takes the first colour that none of its mobile tiles has.  Returns
+    whether the blocks are enough, with some to spare for rows that are found late.
+    """
+    used, fill, first, slot = rows.used, rows.fill, rows.first, rows.slot
+    ra, rb = rows.a, rows.b
+    rows.size[0] = m
+    copy(rows.new_a, ra, m)
+    copy(rows.new_b, rb, m)
+    copy(rows.new_corner, rows.corner, m)
+    set_all(used, ZERO)
+    set_all(fill, ZERO)
+    for i in range(m):
+        a, b = ra[i], rb[i]
+        colour = 0
+        if b == k.n:
+            colour = PAIR_COLOURS + used[a] // (PAIR_BITS + 1)
+            used[a] += PAIR_BITS + 1
+        else:
+            taken = (used[a] | used[b]) & PAIR_BITS
+            while taken & 1:
+                taken >>= 1
+                colour += 1
+            if colour < PAIR_COLOURS:
+                used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
+                used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
+            else:
+                colour = ALONE
+        slot[i] = colour
+        fill[colour] += 1
+    first[0], in_use = 0, 0
+    for q in range(COLOURS):
+        first[q + 1] = first[q] + (fill[q] if q == ALONE else (fill[q] + 7) // 8)
+        if fill[q] > 0 and q < ALONE:
+            rows.colours[in_use] = q
+            in_use += 1
+        fill[q] = 0
+    rows.size[1] = in_use
+    if first[COLOURS] > 3 * rows.single.size // 4:
+        return False
+    for block in range(first[COLOURS]):
+        # `place_pairs` writes every other field of every lane, `place_walls` does not.
+        empty_block(rows, block, k.n, ZEROED if block < first[PAIR_COLOURS] else BLOCK)
+    for i in range(m):
+        q = slot[i]
+        block, at = first[q] + fill[q] // 8, fill[q] % 8
+        if q == ALONE:
+            block, at = first[q] + fill[q], 0
+        fill[q] += 1
+        slot[i] = block * int(BLOCK) + at
+        fill_lane(rows, U(slot[i]), block * int(BODIES) + at, ra[i], rb[i], k, mobile)
+    index_rows(rows, m, k.n, mobile)
+    return True
+
+
+@inline
+def empty_block(rows: Rows, block: int, n: int, fields: int) -> None:
+    """A block without rows; the first `fields` numbers of it are zero."""
+    field, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for j in range(U(fields)):
+        field[o + j] = 0.0
+    for j in range(BODIES):
+        body[t + j] = n
+
+
+@inline
+def fill_lane(rows: Rows, at: int, t: int, a: int, b: int, k: Numbers, mobile: np.ndarray) -> None:
+    """Put the row of a and b into the lane that begins here in the fields, and at t the bodies."""
+    field, body = rows.field, rows.body
+    i, j = U(at), U(t)
+    body[j], body[j + LANES] = a, b
+    field[i + MA], field[i + MB] = k.im * mobile[a], k.im * mobile[b]
+    field[i + MU], field[i + E] = (k.mu_wall, k.e_wall) if b == k.n else (k.mu, k.e)
+    field[i + ID0], field[i + ID1] = -2.0, -2.0
+
+
+@inline
+def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
+    """List the rows of every mobile tile, in order, and find what hangs together through them."""
+    ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
+    island = rows.island
+    set_all(start, ZERO)
+    for i in range(m):
+        start[U(ra[i]) + U(1)] += 1
+        start[U(rb[i]) + U(1)] += 1
+    for i in range(n):
+        start[i + 1] = start[i] + (start[i + 1] if mobile[i] != 0.0 else 0)
+        fill[i] = start[i]
+    for i in range(m):
+        a, b, k = U(ra[i]), U(rb[i]), U(slot[i])
+        row = int(k // BLOCK * U(8) + k % BLOCK)
+        if mobile[a] != 0.0:
+            of[fill[a]] = row
+            fill[a] += 1
+        if mobile[b] != 0.0:  # the ground is not
+            of[fill[b]] = row
+            fill[b] += 1
+    for i in range(n + 1):
+        island[i] = i
+    for i in range(m):
+        if mobile[ra[i]] * mobile[rb[i]] != 0.0:
+            p, q = root(island, ra[i]), root(island, rb[i])
+            island[max(p, q)] = min(p, q)
+    for i in range(n):
+        island[i] = island[island[i]]
+
+
+@inline
+def root(parent: np.ndarray, i: int) -> int:
+    """The first tile of the island that a tile is part of."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@inline
+def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
+    """Give the rows the impulses that their manifolds had at the end of the last step."""
+    ra, rb, corner, slot, r = rows.a, rows.b, rows.corner, rows.slot, rows.field
+    oa, ob, oid0, oid1 = old.a, old.b, old.id0, old.id1
+    opn0, opn1, opt = old.pn0, old.pn1, old.pt
+    j, size = 0, old.size[0]
+    for i in range(m):
+        a, b, k, wall = ra[i], rb[i], U(slot[i]), rb[i] == n
+        if wall:  # its one id is fixed, and known to `place_rows`
+            r[k + ID0], r[k + ID1] = float(corner[i]), float(corner[i])
+        while j < size and (oa[j] < a or (oa[j] == a and (
+                ob[j] < b or (wall and ob[j] == b and oid0[j] < corner[i])))):
+            j += 1
+        if j == size or oa[j] != a or ob[j] != b or (wall and oid0[j] != corner[i]):
+            continue
+        r[k + PN0], r[k + PN1], r[k + PT] = opn0[j], opn1[j], opt[j]
+        if not wall:
+            r[k + ID0], r[k + ID1] = float(oid0[j]), float(oid1[j])
+
+
+@inline
+def remember(rows: Rows, m: int, n: int, store: Impulses) -> None:
+    """Store the impulses of the rows that carry any."""
+    ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
+    sa, sb, sid0, sid1 = store.a, store.b, store.id0, store.id1
+    spn0, spn1, spt = store.pn0, store.pn1, store.pt
+    j = 0
+    for i in range(m):
+        k = U(slot[i])
+        if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:
+            continue
+        sa[j], sb[j], sid0[j] = ra[i], rb[i], int(r[k + ID0])
+        sid1[j] = -1 if rb[i] == n else int(r[k + ID1])
+        spn0[j], spn1[j], spt[j] = r[k + PN0], r[k + PN1], r[k + PT]
+        j += 1
+    store.size[0] = j

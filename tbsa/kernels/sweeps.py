@@ -1,0 +1,359 @@
+"""Passes: over all blocks of rows and the floor below all tiles, or over those on a list.
+
+A row is on the list of the next pass if a tile of it has been moved by more than a little, so that
+converged parts of a scene drop out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tbsa.kernels.bodies import Bodies, Numbers
+from tbsa.kernels.crew import (
+    APPLY,
+    FLOOR,
+    LEAST_BLOCKS,
+    LEAST_TILES,
+    LINE,
+    SWEEP,
+    TALLY,
+    Crew,
+    collect,
+    give,
+)
+from tbsa.kernels.floor import COUPLED, SEPARATE, FloorLaw, coupled, exact, separate
+from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.manifold import push, solve_mixed, solve_pairs
+from tbsa.kernels.rows import (
+    ALONE,
+    AW,
+    AX,
+    AY,
+    BLOCK,
+    BODIES,
+    BW,
+    BX,
+    BY,
+    CHANGE,
+    CHUNK,
+    COLOURS,
+    LANES,
+    PN0,
+    PN1,
+    PT,
+    Rows,
+)
+
+# A row is solved again if its tiles have been moved by more than this part of the tolerance: each
+# has several rows, and each of them leaves something.
+LITTLE = 0.5
+MANY = 2  # rows that are woken by one that has changed, for a block in the time of a row
+
+
+@inline
+def gather(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """The velocities of a block's bodies, into its lanes."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for i in range(LANES):
+        a, b = U(body[t + i]), U(body[t + LANES + i])
+        r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+        r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
+
+
+@inline
+def scatter(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """And back.  Bodies that two lanes have in common are held: their velocity stays as it is."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for i in range(LANES):
+        a, b = U(body[t + i]), U(body[t + LANES + i])
+        vx[a], vy[a], w[a] = r[o + AX + i], r[o + AY + i], r[o + AW + i]
+        vx[b], vy[b], w[b] = r[o + BX + i], r[o + BY + i], r[o + BW + i]
+
+
+@inline
+def lane_of(q: int) -> Any:
+    """Where the lane of row q (8 block + lane) begins."""
+    return U(q // 8) * BLOCK + U(q % 8)
+
+
+@inline
+def gather_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> Any:
+    """The velocities of the bodies of row q (8 block + lane), into its lane, which it returns."""
+    r, body = rows.field, rows.body
+    i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
+    r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
+    return i
+
+
+@inline
+def scatter_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """And back."""
+    r, body = rows.field, rows.body
+    i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    a, b = U(body[t]), U(body[t + LANES])
+    vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
+    vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
+
+
+@inline
+def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
+    """Solve row q alone; returns by how much (m/s) it changed."""
+    r, vx, vy, w = rows.field, v.vx, v.vy, v.w
+    i = gather_row(rows, q, vx, vy, w)
+    solve_mixed(r, i, U(1), per_mass)
+    scatter_row(rows, q, vx, vy, w)
+    return float(r[i + CHANGE])
+
+
+@lane
+def apply_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
+    """Apply the impulses that the rows of these blocks of one colour carry."""
+    r, active = rows.field, rows.active
+    vx, vy, w = v.vx, v.vy, v.w
+    for start in range(begin, last, CHUNK):
+        m = start  # scratch of the chunk's own, as another thread may be at another chunk
+        for block in range(start, min(start + CHUNK, last)):
+            o = U(block) * BLOCK
+            some = 0
+            for i in range(LANES):
+                some += 1 if (r[o + PN0 + i] != 0.0) | (r[o + PN1 + i] != 0.0) else 0
+            active[m] = block
+            m += 1 if some > 0 else 0
+        for j in range(start, m):
+            gather(rows, active[j], vx, vy, w)
+        for j in range(start, m):
+            o = U(active[j]) * BLOCK
+            for i in range(LANES):
+                k = o + i
+                push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+        for j in range(start, m):
+            scatter(rows, active[j], vx, vy, w)
+
+
+@inline
+def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
+    """Apply the impulses that the rows carry."""
+    r, first, colours = rows.field, rows.first, rows.colours
+    vx, vy, w = v.vx, v.vy, v.w
+    for j in range(rows.size[1]):
+        colour = colours[j]
+        mine, last = give(crew, APPLY, first[colour], first[colour + 1], LEAST_BLOCKS)
+        apply_blocks(rows, per_mass, v, mine, last)
+        collect(crew)
+    for block in range(first[ALONE], first[COLOURS]):
+        k = gather_row(rows, 8 * block, vx, vy, w)
+        push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+        scatter_row(rows, 8 * block, vx, vy, w)
+
+
+@lane
+def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
+    """Solve these blocks of one colour; ``change`` says by how much (m/s) each row did."""
+    r, single = rows.field, rows.single
+    vx, vy, w = v.vx, v.vy, v.w
+    for start in range(begin, last, CHUNK):
+        end = min(start + CHUNK, last)
+        for block in range(start, end):
+            gather(rows, block, vx, vy, w)
+        for block in range(start, end):
+            if single[block] == 0:
+                solve_pairs(r, block, per_mass)
+            else:
+                solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
+        for block in range(start, end):
+            scatter(rows, block, vx, vy, w)
+
+
+@inline
+def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew) -> None:
+    """One pass over all blocks."""
+    first, colours, in_use = rows.first, rows.colours, rows.size[1]
+    if not forward:
+        sweep_alone(rows, per_mass, v)
+    for j in range(in_use):
+        colour = colours[j if forward else in_use - 1 - j]
+        mine, last = give(crew, SWEEP, first[colour], first[colour + 1], LEAST_BLOCKS)
+        sweep_blocks(rows, per_mass, v, mine, last)
+        collect(crew)
+    if forward:
+        sweep_alone(rows, per_mass, v)
+
+
+@inline
+def sweep_alone(rows: Rows, per_mass: float, v: Bodies) -> None:
+    """Solve the rows that are alone in their blocks."""
+    for block in range(rows.first[ALONE], rows.first[COLOURS]):
+        solve_row(rows, 8 * block, per_mass, v)
+
+
+@inline
+def sweep_floor(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies,
+                crew: Crew) -> None:
+    """Solve the floor's impulse of every tile."""
+    begin, end = give(crew, FLOOR, ZERO, k.n, LEAST_TILES)
+    floor_tiles(floor, k, c, s, v, begin, end)
+    collect(crew)
+
+
+@inline
+def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies, begin: int,
+                end: int) -> None:
+    """Solve the floor's impulse of these tiles; ``change`` (m/s) says by how much it did."""
+    bound, turn = floor.force * k.h, floor.torque * k.h
+    im, ii, mass, inertia = k.im, k.ii, 1.0 / k.im, 1.0 / k.ii
+    vx, vy, w, change = v.vx, v.vy, v.w, v.change
+    startx, starty, startw = v.startx, v.starty, v.startw
+    floorx, floory, floort = v.floorx, v.floory, v.floort
+    first, last = U(begin), U(end)
+    if floor.law == SEPARATE:
+        for i in range(first, last):
+            px, py, pw, ux, uy, uw = separate(
+                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
+                floort[i], im, ii, mass, inertia, bound, turn)
+            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            floorx[i], floory[i], floort[i] = px, py, pw
+            vx[i], vy[i], w[i] = ux, uy, uw
+    elif floor.law == COUPLED:
+        for i in range(first, last):
+            px, py, pw, ux, uy, uw = coupled(
+                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
+                floort[i], im, ii, mass, inertia, bound, turn)
+            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            floorx[i], floory[i], floort[i] = px, py, pw
+            vx[i], vy[i], w[i] = ux, uy, uw
+    else:
+        for i in range(first, last):
+            px, py, pw, ux, uy, uw = exact(
+                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
+                floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
+            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            floorx[i], floory[i], floort[i] = px, py, pw
+            vx[i], vy[i], w[i] = ux, uy, uw
+
+
+@inline
+def floor_alone(i: int, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray,
+                v: Bodies) -> float:
+    """Solve the floor's impulse of tile i; returns by how much (m/s) it changed."""
+    im, ii, bound, turn = k.im, k.ii, floor.force * k.h, floor.torque * k.h
+    vx, vy, w = v.vx[i], v.vy[i], v.w[i]
+    if floor.law == SEPARATE:
+        px, py, pw, ux, uy, uw = separate(
+            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
+    elif floor.law == COUPLED:
+        px, py, pw, ux, uy, uw = coupled(
+            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
+    else:
+        px, py, pw, ux, uy, uw = exact(
+            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
+            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn, c[i], s[i])
+    v.floorx[i], v.floory[i], v.floort[i] = px, py, pw
+    v.vx[i], v.vy[i], v.w[i] = ux, uy, uw
+    return float(max(max(abs(ux - vx), abs(uy - vy)), k.width * abs(uw - w)))
+
+
+@inline
+def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
+    """Put the rows of a tile that are in contact, if they are not there yet, on the list of the
+    next pass."""
+    if v.mobile[tile] == 0.0:
+        return m
+    of, then, queued = rows.of, rows.then, rows.queued
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        q = of[p]
+        if queued[q] % 2 == 0:
+            queued[q] += 1
+            then[m] = q
+            m += 1
+    return m
+
+
+@lane
+def changed(rows: Rows, little: float, begin: int, last: int) -> Any:
+    """After a pass over all rows, how many of these blocks have changed by more than a little,
+    noted for each in ``hits``, and the largest change (m/s)."""
+    r, hits = rows.field, rows.hits
+    many, worst = 0, 0.0
+    for block in range(begin, last):
+        o = U(block) * BLOCK
+        some = 0
+        for i in range(LANES):
+            some += 1 if r[o + CHANGE + i] > little else 0
+            worst = max(worst, r[o + CHANGE + i])
+        hits[block] = some
+        many += some
+    return many, worst
+
+
+@inline
+def count_changed(rows: Rows, little: float, crew: Crew) -> Any:
+    """The same of all rows."""
+    blocks = rows.first[COLOURS]
+    begin, last = give(crew, TALLY, ZERO, blocks, LEAST_BLOCKS)
+    many, worst = changed(rows, little, begin, last)
+    collect(crew)
+    for other in range(1, crew.size if last < blocks else 1):
+        many += crew.found[other * LINE]
+        worst = max(worst, crew.deepest[other * LINE])
+    return many, worst
+
+
+@inline
+def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> int:
+    """After a pass over all rows and the floor, list what is to be solved again."""
+    r, body, change = rows.field, rows.body, v.change
+    m = ZERO
+    for block in range(rows.first[COLOURS]):
+        if rows.hits[block] == 0:
+            continue
+        o, t = U(block) * BLOCK, U(block) * BODIES
+        for i in range(LANES):
+            if r[o + CHANGE + i] > little:
+                m = queue(rows, v, body[t + i], m)
+                m = queue(rows, v, body[t + LANES + i], m)
+    for i in range(n if floor != 0 else 0):
+        if change[i] > little:
+            m = queue(rows, v, i, m)
+    return int(m)
+
+
+@inline
+def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray,
+                v: Bodies, little: float) -> Any:
+    """One pass over the `size` rows on the list, and the floor below the tiles that they move.
+
+    Friction and normal impulses alternate: a row that has changed is on the next list, too.
+    Returns the length of that, and the largest change (m/s) of a row.
+    """
+    body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
+    m = ZERO
+    worst = 0.0
+    for j in range(size):
+        q = now[j]
+        queued[q] = 0
+        change = solve_row(rows, q, k.per_mass, v)
+        worst = max(worst, change)
+        if change <= little:
+            continue
+        t = U(q // 8) * BODIES + U(q % 8)
+        for tile in (body[t], body[t + LANES]):
+            moved[tile] = 1
+            m = queue(rows, v, tile, m)
+    for j in range(size):
+        t = U(now[j] // 8) * BODIES + U(now[j] % 8)
+        for tile in (body[t], body[t + LANES]):
+            if moved[tile] == 0:
+                continue
+            moved[tile] = 0
+            if (floor.law != 0 and tile < k.n
+                    and floor_alone(tile, floor, k, c, s, v) > little):
+                m = queue(rows, v, tile, m)
+    return m, worst
