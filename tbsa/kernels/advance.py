@@ -94,7 +94,9 @@ from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, sta
 from tbsa.kernels.projection import SLOP, find_deep, project
 from tbsa.kernels.rows import (
     COLOURS,
+    LATE,
     NEAR,
+    SCALED,
     Impulses,
     Rows,
     add_rows,
@@ -547,6 +549,133 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
               whole(fx, n), whole(fy, n), whole(torque, n))
 
 
+@inline
+def scale_to(rows: Rows, ticks: int) -> None:
+    """Make the impulses of all rows those of a substep of so many eighths of h."""
+    before = rows.size[SCALED]
+    if before > 0 and ticks != before:
+        scale_impulses(rows, ticks / before)
+        rows.size[SCALED] = ticks
+
+
+@lane
+def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles, state: State,
+                work: Work, counts: Counts) -> Any:
+    """Bring the rows up to date for the rest of a step, of so many eighths of h, in which so many
+    tiles, marked in ``moved``, come further than was assumed.
+
+    Returns an error word, and the deepest overlap, where all rows have been found anew; else -1.
+    """
+    n, x, y, angle, v, rows = k.n, state.x, state.y, state.angle, work.bodies, work.rows
+    c, s, far, way = work.c, work.s, work.far, work.way
+    first = left == k.substeps * TICKS
+    few = not first and further <= n // FEW_TILES
+    assume(k, left * (k.h / TICKS), not few, x, y, angle, work)
+    if few and add_rows(rows, work.pairs, k, x, y, angle, c, s, v.mobile, v.moved, way, far,
+                        widest(n, x, y, work.pairs, way)) >= 0:
+        return OK, -1.0
+    ahead = np.int64(1) if first else ZERO
+    if reach > 0.0:
+        error = find_pairs(k, reach, tiles, x, y, way, ahead, work, counts)
+        if error != OK:
+            return error, -1.0
+    turn(ZERO, n, angle, c, s)
+    found, others, overlap = find_rows(rows, work.pairs, k, x, y, c, s, tiles.mobile, way, far,
+                                       ahead, work.crew)
+    if found < 0:
+        return MORE_ROWS, -1.0
+    # As if rows had not been there before: a run may go on from here.
+    known = rows.size[SCALED] > 0
+    if others or not known or (first and rows.size[LATE] > 0):
+        ticks = rows.size[SCALED] if known else np.int64(TICKS)
+        keep_impulses(k, rows, state)
+        if not colour_rows(rows, found, k, v.mobile):
+            rows.size[SCALED] = 0
+            return MORE_ROWS, -1.0
+        recall(rows, found, n, state.impulses)
+        rows.size[SCALED] = TICKS
+        scale_to(rows, ticks)
+    return OK, overlap
+
+
+@inline
+def keep_impulses(k: Numbers, rows: Rows, state: State) -> None:
+    """Note the impulses of the rows, if there are any, in the state, as those of a whole h."""
+    if rows.size[SCALED] > 0:
+        scale_to(rows, np.int64(TICKS))
+        remember(rows, rows.size[0], k.n, state.impulses)
+
+
+@inline
+def damping(k: Numbers) -> Any:
+    """What damping leaves of velocities and spins in half a substep."""
+    return math.exp(-0.5 * k.h * k.linear_damping), math.exp(-0.5 * k.h * k.angular_damping)
+
+
+@lane  # or it is handed some hundred arguments, of a tile or two as well
+def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow_spin: float,
+            floor: FloorLaw, state: State, work: Work, counts: Counts) -> float:
+    """A substep of length kh.h, so many eighths of k.h, from whose middle a time `ahead` counts
+    for what may touch.
+
+    Damping leaves `slow` and `slow_spin` of velocities in half of it.  Returns the deepest overlap
+    (m).
+    """
+    n, h, x, y, angle, last = k.n, kh.h, state.x, state.y, state.angle, state.last
+    v, rows, c, s, before, crew = (work.bodies, work.rows, work.c, work.s, work.shift,
+                                   work.crew)
+    m, overlap = rows.size[0], 0.0
+    numbers = crew.numbers
+    numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead, slow, slow_spin
+    counts.substeps[0] += 1
+    counts.joined[0] += max(ticks // TICKS - 1, 0)
+    counts.rows[0] += m
+
+    low, high = give(crew, BEGIN, ZERO, n, LEAST_TILES)
+    drift(low, high, 0.5 * h, v, x, y, angle)
+    damp(low, high, slow, slow_spin, v)
+    if m > 0 or floor.law == EXACT:
+        turn(low, high, angle, c, s)
+    collect(crew)
+
+    if m > 0:
+        blocks = rows.first[COLOURS]
+        low, high = give(crew, PLACE, ZERO, blocks, LEAST_BLOCKS)
+        struck, overlap = place_all(k, ahead, x, y, work, low, high)
+        collect(crew)
+        for other in range(1, crew.size if high < blocks else 1):
+            struck += crew.found[other * LINE]
+            overlap = max(overlap, crew.deepest[other * LINE])
+        note_overlap(overlap, k.width, ticks, counts)
+        if struck > 0:
+            counts.impacts[0] += struck
+            impacts(rows, with_substep(k, ahead), v, work.scratch, x, y, angle, c, s)
+    else:
+        counts.overlap[0] += ticks
+
+    low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
+    kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
+    collect(crew)
+    if m > 0 or floor.law != 0:
+        apply_impulses(rows, k.per_mass, v, crew)
+        passes = relax(rows, m, kh, floor, c, s, v, kh.tolerance, crew)
+        last[0] = passes if passes >= 0 else -1 - passes
+        counts.unconverged[0] += 1 if passes < 0 else 0
+        counts.passes[0] += last[0]
+        if m > 0:
+            limit_work(rows, kh, floor, c, s, v, before, crew)
+        if floor.law != 0:
+            drift_back(kh, floor, before, v, x, y, angle, crew)
+
+    low, high = give(crew, END, ZERO, n, LEAST_TILES)
+    damp(low, high, slow, slow_spin, v)
+    drift(low, high, 0.5 * h, v, x, y, angle)
+    collect(crew)
+    if m > 0 and project(rows, kh, v, work.shift, x, y, angle, crew):
+        counts.projections[0] += 1
+    return overlap
+
+
 @kernel
 def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
             drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
@@ -558,170 +687,75 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     have multiplied within a step.
     """
     state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
-    n, h, step_length, tick = k.n, k.h, k.substeps * k.h, k.h / TICKS
-    x, y, angle, last = state.x, state.y, state.angle, state.last
-    v, rows, c, s, before, crew = (work.bodies, work.rows, work.c, work.s, work.shift,
-                                   work.crew)
+    n, x, y, angle, last, v, rows = (k.n, state.x, state.y, state.angle, state.last, work.bodies,
+                                     work.rows)
     copy(state.vx, v.vx, n + 1)
     copy(state.vy, v.vy, n + 1)
     copy(state.omega, v.w, n + 1)
     copy(tiles.mobile, v.mobile, n + 1)
     vx, vy, w = v.vx, v.vy, v.w
-    contacts = reach > 0.0 or k.wall != 0
-    parts = 2 if k.substeps % 2 == 0 else 1
-    part_length, magnetic = step_length / parts, magnets.cutoff > 0.0 and reach > 0.0
-    far, way = work.far, work.way
+    contacts, magnetic = reach > 0.0 or k.wall != 0, magnets.cutoff > 0.0 and reach > 0.0
+    parts, all_ticks, tick = (2 if k.substeps % 2 == 0 else 1), k.substeps * TICKS, k.h / TICKS
+    part_length = k.substeps * k.h / parts
     set_all(work.magnets.margin, -1.0)  # nothing is known yet
     set_all(rows.first, ZERO)
     set_all(rows.size, ZERO)
     set_all(rows.effort, ZERO)
-    error, done = OK, 0
-    m, known, late = ZERO, False, ZERO  # rows; of these found within a step
-    wanted, promised, before_ticks, overlap, kh = TICKS, last[1], TICKS, 0.0, with_substep(k, h)
-    slow, slow_spin = math.exp(-0.5 * h * k.linear_damping), math.exp(-0.5 * h * k.angular_damping)
+    error, done, wanted, promised, overlap = OK, 0, TICKS, last[1], 0.0
+    kh = with_substep(k, k.h)
+    slow, slow_spin = damping(kh)
     for step in range(steps):
-        if magnetic:
-            error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
-                                 np.int64(1), work, counts)
-            if error != OK:
-                break
-        find_forces((begun + step) * step_length + 0.5 * part_length, k, 0.5 * part_length, tiles,
-                    magnets, drive, drive_parameters, x, y, angle, work)
-        left = k.substeps * TICKS
+        left = all_ticks
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         for part in range(parts):
-            if part > 0:
-                if magnetic:
-                    error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
-                                         ZERO, work, counts)
-                    if error != OK:
-                        break
-                find_forces((begun + step) * step_length + (part + 0.5) * part_length, k,
-                            0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y,
-                            angle, work)
+            if magnetic:
+                error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
+                                     np.int64(1) if part == 0 else ZERO, work, counts)
+                if error != OK:
+                    break
+            find_forces((begun + step) * (k.substeps * k.h) + (part + 0.5) * part_length, k,
+                        0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle,
+                        work)
             counts.magnet_pairs[0] += work.magnets.size[0]
-            end = left - k.substeps * TICKS // parts
+            end = left - all_ticks // parts
             while left > end:
                 if further > 0:
-                    whole = left == k.substeps * TICKS
-                    few = not whole and further <= n // FEW_TILES
-                    assume(k, left * tick, not few, x, y, angle, work)
-                    added = np.int64(-1)
-                    if few:
-                        added = add_rows(rows, work.pairs, k, x, y, angle, c, s, v.mobile, v.moved,
-                                         way, far, widest(n, x, y, work.pairs, way))
-                    if added >= 0:
-                        m, late = m + added, late + added
-                    else:
-                        ahead = np.int64(1) if whole else ZERO
-                        if reach > 0.0:
-                            error = find_pairs(k, reach, tiles, x, y, way, ahead, work, counts)
-                            if error != OK:
-                                break
-                        turn(ZERO, n, angle, c, s)
-                        found, others, overlap = find_rows(
-                            rows, work.pairs, k, x, y, c, s, tiles.mobile, way, far, ahead, crew)
-                        if found < 0:
-                            error = MORE_ROWS
-                            break
-                        # As if rows had not been there before: a run may go on from here.
-                        if others or not known or (whole and late > 0):
-                            if known:
-                                scale_impulses(rows, TICKS / before_ticks)
-                                remember(rows, m, n, state.impulses)
-                            m, late = found, ZERO
-                            known = colour_rows(rows, m, k, v.mobile)
-                            if not known:
-                                error = MORE_ROWS
-                                break
-                            recall(rows, m, n, state.impulses)
-                            scale_impulses(rows, before_ticks / TICKS)
-                    if m > 0 and too_fast(n, 0.5 * k.width / k.h, rows, v):
+                    error, found = update_rows(k, reach, left, further, tiles, state, work, counts)
+                    if error == OK and too_fast(n, 0.5 * k.width / k.h, rows, v):
                         error = TOO_FAST
+                    if error != OK:
                         break
-                    calm = last[0] <= FEW and overlap <= CALM * k.width
-                    wanted = ticks_at(k, rows, x, y, v, calm)
+                    overlap = found if found >= 0.0 else overlap
+                    wanted = ticks_at(k, rows, x, y, v,
+                                      last[0] <= FEW and overlap <= CALM * k.width)
                 ticks = min(wanted, promised, left - end)
                 rest = left - end - ticks
-                promised = min(wanted, rest if rest > 0 else k.substeps * TICKS // parts)
+                promised = min(wanted, rest if rest > 0 else all_ticks // parts)
+                scale_to(rows, ticks)
+                if ticks * tick != kh.h:
+                    kh = with_substep(k, ticks * tick)
+                    slow, slow_spin = damping(kh)
                 # From the middle of this substep to that of the next.
-                ahead_time = 0.5 * max(2 * ticks, ticks + promised) * tick
-                if ticks != before_ticks:
-                    scale_impulses(rows, ticks / before_ticks)
-                    before_ticks, h = ticks, ticks * tick
-                    kh = with_substep(k, h)
-                    slow = math.exp(-0.5 * h * k.linear_damping)
-                    slow_spin = math.exp(-0.5 * h * k.angular_damping)
-                counts.substeps[0] += 1
-                counts.joined[0] += max(ticks // TICKS - 1, 0)
-                numbers = crew.numbers
-                numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead_time, slow, slow_spin
-                low, high = give(crew, BEGIN, ZERO, n, LEAST_TILES)
-                drift(low, high, 0.5 * h, v, x, y, angle)
-                damp(low, high, slow, slow_spin, v)
-                if m > 0 or floor.law == EXACT:
-                    turn(low, high, angle, c, s)
-                collect(crew)
-                if m > 0:
-                    blocks = rows.first[COLOURS]
-                    low, high = give(crew, PLACE, ZERO, blocks, LEAST_BLOCKS)
-                    struck, overlap = place_all(k, ahead_time, x, y, work, low, high)
-                    collect(crew)
-                    for other in range(1, crew.size if high < blocks else 1):
-                        struck += crew.found[other * LINE]
-                        overlap = max(overlap, crew.deepest[other * LINE])
-                    note_overlap(overlap, k.width, ticks, counts)
-                    wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
-                    if struck > 0:
-                        counts.impacts[0] += struck
-                        impacts(rows, with_substep(k, ahead_time), v, work.scratch, x, y, angle,
-                                c, s)
-                else:
-                    counts.overlap[0] += ticks
-                low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
-                kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
-                collect(crew)
-                if m > 0 or floor.law != 0:
-                    apply_impulses(rows, k.per_mass, v, crew)
-                    passes = relax(rows, m, kh, floor, c, s, v, kh.tolerance, crew)
-                    last[0] = passes if passes >= 0 else -1 - passes
-                    if last[0] > FEW and wanted > TICKS:
-                        wanted >>= 1
-                    counts.unconverged[0] += 1 if passes < 0 else 0
-                    counts.passes[0] += last[0]
-                    if m > 0:
-                        limit_work(rows, kh, floor, c, s, v, before, crew)
-                    if floor.law != 0:
-                        drift_back(kh, floor, before, v, x, y, angle, crew)
-                counts.rows[0] += m
-                low, high = give(crew, END, ZERO, n, LEAST_TILES)
-                damp(low, high, slow, slow_spin, v)
-                drift(low, high, 0.5 * h, v, x, y, angle)
-                collect(crew)
-                if m > 0 and project(rows, kh, v, work.shift, x, y, angle, crew):
-                    counts.projections[0] += 1
+                ahead = 0.5 * max(2 * ticks, ticks + promised) * tick
+                overlap = substep(k, kh, ticks, ahead, slow, slow_spin, floor, state, work,
+                                  counts)
+                wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
+                wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks
                 further = beyond(k, left * tick, x, y, angle, work) if contacts and left > 0 else 0
                 counts.surprises[0] += 1 if further > 0 else 0
             if error != OK:
                 break
         if error != OK:
-            if left < k.substeps * TICKS and error != TOO_FAST:
+            if left < all_ticks and error != TOO_FAST:
                 return TOO_MANY if error != NOT_FINITE else NOT_FINITE, done
             break
         # A call may end here, and the next begins like this; to scale by 6 and back is not exact.
-        if before_ticks != TICKS:
-            scale_impulses(rows, TICKS / before_ticks)
-            before_ticks, h = TICKS, k.h
-            kh = with_substep(k, h)
-            slow = math.exp(-0.5 * h * k.linear_damping)
-            slow_spin = math.exp(-0.5 * h * k.angular_damping)
+        scale_to(rows, np.int64(TICKS))
         done += 1
         counts.steps[0] += 1
     last[1] = promised
-    if known:
-        scale_impulses(rows, TICKS / before_ticks)
-        remember(rows, m, n, state.impulses)
+    keep_impulses(k, rows, state)
     copy(vx, state.vx, n + 1)
     copy(vy, state.vy, n + 1)
     copy(w, state.omega, n + 1)

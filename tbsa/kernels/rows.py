@@ -67,6 +67,9 @@ PAIR_COLOURS, WALL_COLOURS = 47, 8
 PAIR_BITS = 2**PAIR_COLOURS - 1
 ALONE = PAIR_COLOURS + WALL_COLOURS
 COLOURS = ALONE + 1
+# Of the numbers in ``size``: rows that were added within a step, and the substep (h/8) that the
+# impulses are for, 0 where there are no rows yet.
+LATE, SCALED = 2, 3
 
 
 class Rows(NamedTuple):
@@ -95,7 +98,7 @@ class Rows(NamedTuple):
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     colours: np.ndarray  # int64[ALONE], the colours in use, in order, without the last
-    size: np.ndarray  # int64[2], rows, and colours in use
+    size: np.ndarray  # int64[4], rows, colours in use, and LATE and SCALED
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
 
@@ -125,7 +128,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
         np.zeros(ALONE, np.int64),
-        np.zeros(2, np.int64), np.zeros(2, np.int64)])
+        np.zeros(4, np.int64), np.zeros(2, np.int64)])
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -270,6 +273,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
     block = rows.first[COLOURS]
     rows.first[COLOURS] += found
     rows.size[0] = m + found
+    rows.size[LATE] += found
     i, j = m - 1, found - 1
     for to in range(m + found - 1, -1, -1):
         if j < 0:
@@ -328,7 +332,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
     """
     used, fill, first, slot = rows.used, rows.fill, rows.first, rows.slot
     ra, rb = rows.a, rows.b
-    rows.size[0] = m
+    rows.size[0], rows.size[LATE] = m, ZERO
     copy(rows.new_a, ra, m)
     copy(rows.new_b, rb, m)
     copy(rows.new_corner, rows.corner, m)
