@@ -227,6 +227,7 @@ def _apart(wish: Sequence[float], width: Sequence[float], left: float, right: fl
     return [0.5 * (a + b) for a, b in both]
 
 
+@cache
 def _inches(text: str, size: float, weight: str = "normal") -> float:
     return float(TextPath((0.0, 0.0), text, size=size, prop=FontProperties(weight=weight)
                           ).get_extents().width) / 72.0
