@@ -296,6 +296,10 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "4.0 must be an integer from 1 to 1000"),
     ("no tolerance", GOOD + "[solver]\ntolerance = 0\n", "solver.tolerance",
      "0.0 must be a number above 0 to 1 m/s"),
+    ("nothing left to tiles at rest", GOOD + "[solver]\nat_rest = 0\n", "solver.at_rest",
+     "0.0 must be a number above 0 to 1"),
+    ("more left to tiles at rest", GOOD + "[solver]\nat_rest = 1.5\n", "solver.at_rest",
+     "1.5 must be a number above 0 to 1"),
     ("no passes", GOOD + "[solver]\npasses = 0\n", "solver.passes",
      "0 must be an integer from 1 to 100000"),
     ("records between steps", GOOD + "[solver]\nstep = 0.01\n[record]\ninterval = 0.015\n"

@@ -308,7 +308,7 @@ def field_of_tiles(side, law="separate", wall="rectangle", **options):
 
 @pytest.mark.parametrize(("side", "threads", "options"), [
     (56, 2, {}), (56, 3, {"wall": "circle"}), (50, 2, {"law": "coupled"}),
-    (50, 2, {"law": "exact"}), (7, 2, {"passes": 20})])
+    (50, 2, {"law": "exact"}), (50, 2, {"passes": 20, "at_rest": 0.1}), (7, 2, {"passes": 20})])
 def test_threads_do_not_change_a_bit(side, threads, options):
     """As many tiles as they share, and as few as one of them does alone."""
     chosen = field_of_tiles(side, **options)
@@ -733,7 +733,7 @@ tiles = (PlacedTile("black", (0.001, 0.002), 0.1, (0.1, -0.05), 2.0),
          PlacedTile("black", (0.034, 0.034), 0.0, held=True))
 s = Simulation(Scene(types=SETS["chessboard"], free=Free((), tiles), magnet=Magnet(),
                      floor=Floor(LAW), reactor=Reactor("circle", 0.07),
-                     drive=Drive("shaking", 0.3, 0.0, 3.0)))
+                     drive=Drive("shaking", 0.3, 0.0, 3.0), solver=Solver(at_rest=0.1)))
 s.advance(20)
 values = [list(map(float, part)) for part in (s.x, s.y, s.angle, s.vx, s.vy, s.omega)]
 print(json.dumps([values, int(s.counts.impacts[0]), int(s.counts.rows[0])]))

@@ -108,7 +108,6 @@ from tbsa.kernels.rows import (
 )
 from tbsa.kernels.solver import limit_work, relax, scale_impulses, work_on
 from tbsa.kernels.sweeps import (
-    LITTLE,
     apply_blocks,
     apply_impulses,
     changed,
@@ -658,7 +657,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow
     collect(crew)
     if m > 0 or floor.law != 0:
         apply_impulses(rows, k.per_mass, v, crew)
-        passes = relax(rows, m, kh, floor, c, s, v, kh.tolerance, crew)
+        passes = relax(rows, m, kh, floor, c, s, v, crew)
         last[0] = passes if passes >= 0 else -1 - passes
         counts.unconverged[0] += 1 if passes < 0 else 0
         counts.passes[0] += last[0]
@@ -806,7 +805,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             floor_tiles(floor, with_substep(k, h), work.c, work.s, v, first, last)
         elif what == TALLY:
             crew.found[me * LINE], crew.deepest[me * LINE] = changed(
-                rows, LITTLE * with_substep(k, h).tolerance, first, last)
+                rows, with_substep(k, h), first, last)
         elif what == WORK:
             work_on(k, v, work.shift, first, last)
         elif what == BACK:

@@ -30,6 +30,7 @@ class Numbers(NamedTuple):
     e_wall: float
     threshold: float  # m/s, slower impacts are plastic
     tolerance: float  # m/s
+    at_rest: float  # part of it that tiles at rest have
     passes: int
     keep_lists: int  # 1, or 0: find pairs and magnet pairs anew every step
     skip_converged: int  # 1, or 0: solve every row in every pass
@@ -71,5 +72,5 @@ def with_substep(k: Numbers, h: float) -> Numbers:
     """
     return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.im, k.ii, k.per_mass,
                    k.linear_damping, k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold,
-                   min(k.h / h, 1.0) * k.tolerance, k.passes, k.keep_lists, k.skip_converged,
-                   k.join_substeps, k.driven, k.wall, k.wall_x, k.wall_y)
+                   min(k.h / h, 1.0) * k.tolerance, k.at_rest, k.passes, k.keep_lists,
+                   k.skip_converged, k.join_substeps, k.driven, k.wall, k.wall_x, k.wall_y)

@@ -46,6 +46,7 @@ from tbsa.kernels.sweeps import (
     lane_of,
     queue,
     queue_changed,
+    row_change,
     scatter,
     scatter_row,
     solve_row,
@@ -96,7 +97,7 @@ def go_on(r: np.ndarray, k: int, beta: float, per_mass: float) -> float:
 
 
 @inline
-def sweep_on(rows: Rows, size: int, per_mass: float, v: Bodies, little: float) -> Any:
+def sweep_on(rows: Rows, size: int, k: Numbers, v: Bodies, little: float) -> Any:
     """One pass over the `size` rows on the list, as `sweep_queue`, without a floor.
 
     Returns the length of the next list, the largest change (m/s) of a row, and how the pass went:
@@ -110,7 +111,7 @@ def sweep_on(rows: Rows, size: int, per_mass: float, v: Bodies, little: float) -
         i = lane_of(q)
         queued[q] = SOLVED
         r[i + FROM0], r[i + FROM1], r[i + FROMT] = r[i + PN0], r[i + PN1], r[i + PT]
-        change = solve_row(rows, q, per_mass, v)
+        change = row_change(r, i, k, solve_row(rows, q, k.per_mass, v))
         more, further = slope(r, i)
         square += more
         onward += further
@@ -130,7 +131,7 @@ def set_past(r: np.ndarray, k: int) -> None:
 
 
 @inline
-def go_on_queue(rows: Rows, size: int, m: int, beta: float, per_mass: float, v: Bodies,
+def go_on_queue(rows: Rows, size: int, m: int, beta: float, k: Numbers, v: Bodies,
                 little: float) -> int:
     """The rows of this list that are on the next one, too, go on; returns the length of that."""
     body, now, queued = rows.body, rows.now, rows.queued
@@ -138,7 +139,8 @@ def go_on_queue(rows: Rows, size: int, m: int, beta: float, per_mass: float, v: 
     for j in range(size):
         q = now[j]
         i = gather_row(rows, q, vx, vy, w)
-        change = go_on(rows.field, i, beta if queued[q] > SOLVED else 0.0, per_mass)
+        change = row_change(rows.field, i, k, go_on(
+            rows.field, i, beta if queued[q] > SOLVED else 0.0, k.per_mass))
         scatter_row(rows, q, vx, vy, w)
         if change <= little:
             continue
@@ -205,8 +207,7 @@ def go_on_blocks(rows: Rows, beta: float, per_mass: float, v: Bodies) -> None:
 
 
 @apart
-def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, tolerance: float, whole: bool, size: int,
-           crew: Crew) -> int:
+def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, crew: Crew) -> int:
     """Go on with `relax` where there is no floor friction: with momentum.
 
     It grows from pass to pass, and begins anew where it has gone too far, or where a pass did more
@@ -214,7 +215,7 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, tolerance: float, whole: b
     pass after a plain one.
     """
     now, queued = rows.now, rows.queued
-    little = LITTLE * tolerance
+    tolerance, little = k.tolerance, LITTLE * k.tolerance
     done, fresh = -1 - k.passes, True
     age, before, beta = ZERO, math.inf, 0.0
     for j in range(size):
@@ -226,14 +227,14 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, tolerance: float, whole: b
                 queued[now[j]] = 0
             begin_blocks(rows, fresh)
             sweep_rows(rows, k.per_mass, v, True, crew)
-            many, worst = count_changed(rows, little, crew)
+            many, worst = count_changed(rows, k, crew)
             square, onward = slope_blocks(rows)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             found = ZERO if whole else queue_changed(rows, k.n, ZERO, v, little)
             size = ZERO
         else:
             rows.effort[1] += m - size
-            found, worst, square, onward = sweep_on(rows, size, k.per_mass, v, little)
+            found, worst, square, onward = sweep_on(rows, size, k, v, little)
         settled = worst <= tolerance and beta == 0.0
         age = age + 1 if onward >= 0.0 and square <= before else ZERO
         before = square
@@ -244,7 +245,7 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, tolerance: float, whole: b
         elif not whole:
             listed = size > 0
             if listed and not fresh:
-                found = go_on_queue(rows, size, found, beta, k.per_mass, v, little)
+                found = go_on_queue(rows, size, found, beta, k, v, little)
             next_queue(rows, size, found, fresh)
             size = found
             whole = listed and size > rows.first[COLOURS]

@@ -34,8 +34,9 @@ from tbsa.kernels.sweeps import (
 
 @inline
 def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray,
-          v: Bodies, tolerance: float, crew: Crew) -> int:
-    """Gauss-Seidel passes until none changes a contact velocity by more than `tolerance`.
+          v: Bodies, crew: Crew) -> int:
+    """Gauss-Seidel passes until none changes a contact velocity by more than the tolerance,
+    after their speed.
 
     The impulses that the rows carry must already have been applied.  Passes are over all blocks
     while many rows change, then over the rows on a list.  On a floor with friction they go forward
@@ -48,13 +49,13 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
     if m == 0:
         return 0
     now, queued = rows.now, rows.queued
-    little = LITTLE * tolerance
+    little = LITTLE * k.tolerance
     set_all(v.moved, ZERO)
     done, whole = -1 - k.passes, True
     size = ZERO
     for p in range(k.passes):
         if floor.law == 0 and p == PLAIN:
-            return int(hasten(rows, m, k, v, tolerance, whole, size, crew))
+            return int(hasten(rows, m, k, v, whole, size, crew))
         rows.effort[0] += m
         if whole:
             for j in range(size):
@@ -62,7 +63,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
             sweep_rows(rows, k.per_mass, v, p < PLAIN or p % 2 == 0, crew)
             if floor.law != 0:
                 sweep_floor(floor, k, c, s, v, crew)
-            many, worst = count_changed(rows, little, crew)
+            many, worst = count_changed(rows, k, crew)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
         else:
@@ -70,7 +71,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
             size, worst = sweep_queue(rows, size, k, floor, c, s, v, little)
             whole = size > rows.first[COLOURS]
         copy(rows.then, now, size)
-        if worst <= tolerance:
+        if worst <= k.tolerance:
             done = p + 1
             break
     for j in range(size):

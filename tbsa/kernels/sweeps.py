@@ -1,7 +1,9 @@
 """Passes: over all blocks of rows and the floor below all tiles, or over those on a list.
 
 A row is on the list of the next pass if a tile of it has been moved by more than a little, so that
-converged parts of a scene drop out.
+converged parts of a scene drop out.  What is little depends on how fast the tiles are, as where
+differential equations are solved with a relative and an absolute tolerance: changes of velocities
+are noted as if they were those of fast tiles, which have the whole tolerance.
 """
 
 from __future__ import annotations
@@ -49,7 +51,30 @@ from tbsa.kernels.rows import (
 # A row is solved again if its tiles have been moved by more than this part of the tolerance: each
 # has several rows, and each of them leaves something.
 LITTLE = 0.5
+# Of the speed of its tiles a row may be left this part; the tolerance at most, and what tiles at
+# rest have at least.
+LEFT = 0.5
 MANY = 2  # rows that are woken by one that has changed, for a block in the time of a row
+
+
+@lane
+def as_fast(k: Numbers, change: float, speed: float) -> float:
+    """A change of a velocity (m/s) as it counts, for a tile of this speed (m/s)."""
+    left = min(max(k.at_rest * k.tolerance, LEFT * speed), k.tolerance)
+    return change * (k.tolerance / left)
+
+
+@lane
+def speed_of(vx: float, vy: float, w: float, width: float) -> float:
+    """Speed of a tile (m/s), by its larger part: along x, along y, or of the middle of an edge."""
+    return float(max(max(abs(vx), abs(vy)), 0.5 * width * abs(w)))
+
+
+@lane
+def row_change(r: np.ndarray, i: int, k: Numbers, change: float) -> float:
+    """The same for a change of the row of lane i, after the faster one of its tiles."""
+    return float(as_fast(k, change, max(speed_of(r[i + AX], r[i + AY], r[i + AW], k.width),
+                                        speed_of(r[i + BX], r[i + BY], r[i + BW], k.width))))
 
 
 @inline
@@ -201,10 +226,19 @@ def sweep_floor(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
     collect(crew)
 
 
+@lane
+def tile_change(k: Numbers, vx: float, vy: float, w: float, ux: float, uy: float,
+                uw: float) -> float:
+    """By how much the floor has changed the velocity of a tile (m/s), as it counts."""
+    change = max(max(abs(ux - vx), abs(uy - vy)), k.width * abs(uw - w))
+    return float(as_fast(k, change, speed_of(ux, uy, uw, k.width)))
+
+
 @inline
 def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies, begin: int,
                 end: int) -> None:
-    """Solve the floor's impulse of these tiles; ``change`` (m/s) says by how much it did."""
+    """Solve the floor's impulse of these tiles; ``change`` (m/s) says by how much it did, as it
+    counts."""
     bound, turn = floor.force * k.h, floor.torque * k.h
     im, ii, mass, inertia = k.im, k.ii, 1.0 / k.im, 1.0 / k.ii
     vx, vy, w, change = v.vx, v.vy, v.w, v.change
@@ -216,7 +250,7 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
             px, py, pw, ux, uy, uw = separate(
                 startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
                 floort[i], im, ii, mass, inertia, bound, turn)
-            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            change[i] = tile_change(k, vx[i], vy[i], w[i], ux, uy, uw)
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
     elif floor.law == COUPLED:
@@ -224,7 +258,7 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
             px, py, pw, ux, uy, uw = coupled(
                 startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
                 floort[i], im, ii, mass, inertia, bound, turn)
-            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            change[i] = tile_change(k, vx[i], vy[i], w[i], ux, uy, uw)
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
     else:
@@ -232,7 +266,7 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
             px, py, pw, ux, uy, uw = exact(
                 startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
                 floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
-            change[i] = max(max(abs(ux - vx[i]), abs(uy - vy[i])), k.width * abs(uw - w[i]))
+            change[i] = tile_change(k, vx[i], vy[i], w[i], ux, uy, uw)
             floorx[i], floory[i], floort[i] = px, py, pw
             vx[i], vy[i], w[i] = ux, uy, uw
 
@@ -240,7 +274,8 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
 @inline
 def floor_alone(i: int, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray,
                 v: Bodies) -> float:
-    """Solve the floor's impulse of tile i; returns by how much (m/s) it changed."""
+    """Solve the floor's impulse of tile i; returns by how much (m/s) it changed, as it
+    counts."""
     im, ii, bound, turn = k.im, k.ii, floor.force * k.h, floor.torque * k.h
     vx, vy, w = v.vx[i], v.vy[i], v.w[i]
     if floor.law == SEPARATE:
@@ -257,7 +292,7 @@ def floor_alone(i: int, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarra
             v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn, c[i], s[i])
     v.floorx[i], v.floory[i], v.floort[i] = px, py, pw
     v.vx[i], v.vy[i], v.w[i] = ux, uy, uw
-    return float(max(max(abs(ux - vx), abs(uy - vy)), k.width * abs(uw - w)))
+    return float(tile_change(k, vx, vy, w, ux, uy, uw))
 
 
 @inline
@@ -277,15 +312,16 @@ def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
 
 
 @lane
-def changed(rows: Rows, little: float, begin: int, last: int) -> Any:
+def changed(rows: Rows, k: Numbers, begin: int, last: int) -> Any:
     """After a pass over all rows, how many of these blocks have changed by more than a little,
     noted for each in ``hits``, and the largest change (m/s)."""
-    r, hits = rows.field, rows.hits
+    r, hits, little = rows.field, rows.hits, LITTLE * k.tolerance
     many, worst = 0, 0.0
     for block in range(begin, last):
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
+            r[o + CHANGE + i] = row_change(r, o + i, k, r[o + CHANGE + i])
             some += 1 if r[o + CHANGE + i] > little else 0
             worst = max(worst, r[o + CHANGE + i])
         hits[block] = some
@@ -294,11 +330,11 @@ def changed(rows: Rows, little: float, begin: int, last: int) -> Any:
 
 
 @inline
-def count_changed(rows: Rows, little: float, crew: Crew) -> Any:
+def count_changed(rows: Rows, k: Numbers, crew: Crew) -> Any:
     """The same of all rows."""
     blocks = rows.first[COLOURS]
     begin, last = give(crew, TALLY, ZERO, blocks, LEAST_BLOCKS)
-    many, worst = changed(rows, little, begin, last)
+    many, worst = changed(rows, k, begin, last)
     collect(crew)
     for other in range(1, crew.size if last < blocks else 1):
         many += crew.found[other * LINE]
@@ -339,7 +375,7 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
     for j in range(size):
         q = now[j]
         queued[q] = 0
-        change = solve_row(rows, q, k.per_mass, v)
+        change = row_change(rows.field, lane_of(q), k, solve_row(rows, q, k.per_mass, v))
         worst = max(worst, change)
         if change <= little:
             continue

@@ -141,6 +141,7 @@ class Solver:
     substeps: int = 4  # per step: contacts are solved once a substep
     tolerance: float = 1e-5  # m/s: a pass that changes no contact velocity by more ends the solve
     passes: int = 40  # at most, a substep
+    at_rest: float = 1.0  # part of the tolerance for slow tiles; faster ones get half their speed
     keep_lists: bool = True  # of near pairs, while nobody comes too far; off: found every step
     skip_converged: bool = True  # rows that no longer change; off: every pass solves all
     join_substeps: bool = True  # up to eight, where a scene is calm; off: never longer ones
@@ -366,7 +367,7 @@ RULES: dict[type, dict[str, Rule]] = {
     Solver: {
         "step": _number(0, 0.1, "s", above=True),
         "substeps": _integer(1, 1000),
-        "tolerance": _number(0, 1, "m/s", above=True),
+        "tolerance": _number(0, 1, "m/s", above=True), "at_rest": _number(0, 1, "", above=True),
         "passes": _integer(1, 100_000),
         "keep_lists": _boolean,
         "skip_converged": _boolean,
