@@ -445,6 +445,7 @@ def test_what_leaves_the_trajectory_alone_leaves_the_fingerprint_alone(change):
 @pytest.mark.parametrize("change", [
     {"run": Run(3600.0, 2)}, {"material": Material(mass=0.017)}, {"magnet": Magnet()},
     {"floor": Floor()}, {"solver": Solver(substeps=5)}, {"reactor": Reactor("circle", 0.6)},
+    {"solver": Solver(at_rest=0.5)},
     {"types": SETS["chessboard-oriented"]}, {"drive": Drive("constant", (0.1, 0.0))},
     {"free": Free((), (PlacedTile("black", (0.0, 1e-9)),))},
     {"types": tuple(replace(kind, forward="E") for kind in SETS["chessboard"])},
@@ -452,6 +453,13 @@ def test_what_leaves_the_trajectory_alone_leaves_the_fingerprint_alone(change):
 def test_what_changes_the_trajectory_changes_the_fingerprint(change):
     scene = parse(GOOD)
     assert fingerprint(replace(scene, **change)) != fingerprint(scene)
+
+
+def test_a_field_that_came_later_leaves_the_fingerprint_of_older_scenes_alone():
+    """As it was before there was `at_rest`: runs of that time can be gone on with."""
+    scene = Scene(SETS["chessboard"], Material(),
+                  free=Free((), (PlacedTile("black", (0.0, 0.0)),)))
+    assert fingerprint(scene)[:16] == "94f4819d252d8497"
 
 
 def test_the_fingerprint_sees_what_is_in_the_module_of_a_drive_but_not_where_it_is(tmp_path):

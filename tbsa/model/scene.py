@@ -367,8 +367,9 @@ RULES: dict[type, dict[str, Rule]] = {
     Solver: {
         "step": _number(0, 0.1, "s", above=True),
         "substeps": _integer(1, 1000),
-        "tolerance": _number(0, 1, "m/s", above=True), "at_rest": _number(0, 1, "", above=True),
+        "tolerance": _number(0, 1, "m/s", above=True),
         "passes": _integer(1, 100_000),
+        "at_rest": _number(0, 1, "", above=True),
         "keep_lists": _boolean,
         "skip_converged": _boolean,
         "join_substeps": _boolean,
@@ -852,6 +853,12 @@ def dumps(scene: Scene) -> str:
     return "\n".join(lines) + "\n"
 
 
+def canonical(scene: Scene) -> bytes:
+    """The scene for a hash: without a field that came later than others where it changes nothing,
+    so that scenes of before have the same."""
+    return dumps(scene).replace("\nat_rest = 1.0\n", "\n", 1).encode()
+
+
 def fingerprint(scene: Scene) -> str:
     """SHA-256 (hex) of everything that the trajectory depends on.
 
@@ -868,7 +875,7 @@ def fingerprint(scene: Scene) -> str:
         scene, title="", file="", temperature=2, record=Record(), drive=drive,
         run=replace(scene.run, duration=1.0),
         types=tuple(replace(tile_type, colour="") for tile_type in scene.types))
-    return hashlib.sha256(dumps(bare).encode() + b"\0" + module).hexdigest()
+    return hashlib.sha256(canonical(bare) + b"\0" + module).hexdigest()
 
 
 def _toml(value: Any) -> str:

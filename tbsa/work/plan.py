@@ -39,7 +39,7 @@ from tbsa.model.scene import (
     Record,
     Run,
     Scene,
-    dumps,
+    canonical,
     fingerprint,
     parse,
     read_toml,
@@ -112,7 +112,7 @@ def _digest(mark: str, scene: Scene) -> str:
     """A hash of the fingerprint, colours, temperature and interval of records."""
     bare = replace(scene, title="", run=replace(scene.run, duration=1.0),
                    record=Record(scene.record.interval, scene.record.interval))
-    return hashlib.sha256(f"{mark} {dumps(bare)}".encode()).hexdigest()[:16]
+    return hashlib.sha256(mark.encode() + b" " + canonical(bare)).hexdigest()[:16]
 
 
 def seeds_of(stream: str, number: int) -> list[int]:
