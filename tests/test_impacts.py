@@ -320,7 +320,7 @@ def test_a_tile_that_is_thrown_in_an_impact_does_not_turn_into_its_neighbour(spe
 
 # As flights end wherever they do in a substep, under loads and in company.
 
-RECOMMENDED = {"step": 1 / 120, "substeps": 12, "tolerance": 2e-2, "passes": 40}
+RECOMMENDED = {"step": 1 / 120, "substeps": 12, "tolerance": 2e-2, "passes": 80, "at_rest": 0.025}
 DEFAULT = {"step": 1 / 480, "substeps": 4, "tolerance": 1e-5, "passes": 40}
 
 

@@ -253,7 +253,7 @@ def test_the_paper_runs_have_41_seed_tiles_and_550_free_ones(name):
     assert dict(scene.free.counts) == {"black": 275, "white": 275}
     assert scene.reactor == Reactor("circle", radius=0.6)
     assert (scene.magnet, scene.floor) == (Magnet(), Floor())
-    assert scene.solver == Solver(step=1 / 120, substeps=12, tolerance=0.02)
+    assert scene.solver == Solver(1 / 120, 12, tolerance=0.02, passes=80, at_rest=0.025)
     assert (scene.run.duration, scene.record.interval) == (3600.0, 10.0)
 
 
