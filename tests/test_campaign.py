@@ -746,6 +746,46 @@ def test_workers_of_a_killed_campaign_save_and_end(here, long):
     assert tables("out") == tables(long)
 
 
+LATE = """
+import multiprocessing, os, signal, sys, time
+from pathlib import Path
+from tbsa.work import campaign
+
+def worker():
+    def finished(job):
+        # As a run does in its last moments: it takes the signal, and is done all the same.
+        signals = []
+        signal.signal(signal.SIGTERM, lambda *_: signals.append(1))
+        if KILLED:
+            os.kill(os.getppid(), signal.SIGKILL)
+            while not signals:
+                time.sleep(0.01)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        return True
+    campaign._run = finished
+    campaign._in_pool()
+    here = Path(sys.argv[1])
+    here.joinpath("session").touch()
+    how = campaign.work(campaign.Job(None, here, here / "lock", here / "session"))
+    here.joinpath("lives").write_text(how[0])
+
+child = multiprocessing.get_context("fork").Process(target=worker)
+child.start()
+child.join()
+"""
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_run_that_takes_the_signal_in_its_last_moments_leaves_no_worker_behind(killed, tmp_path):
+    """A worker whose campaign was killed has nobody who would give it work or end it."""
+    child = subprocess.Popen(
+        [sys.executable, "-c", LATE.replace("KILLED", str(killed)), tmp_path],
+        cwd=ROOT, start_new_session=True)
+    assert child.wait() == (-signal.SIGKILL if killed else 0)
+    until(lambda: not alive(child.pid), 20.0)
+    assert (tmp_path / "lives").exists() != killed
+
+
 def alive(group):
     """Whether a process of the group is left, zombies apart."""
     for path in Path("/proc").glob("[0-9]*/stat"):

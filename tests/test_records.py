@@ -161,10 +161,10 @@ def test_a_record_holds_the_state_at_its_time(scene, whole):
 
 
 def test_killed_from_outside_and_resumed_a_run_ends_in_the_same_bits(scene, tmp_path):
-    scene = lasting(scene, 200.0)
+    scene = lasting(scene, 60.0)
     folder = tmp_path / "killed"
     child = subprocess.Popen(
-        [sys.executable, "-m", "tbsa.work.cli", "run", scene.file, "--duration", "200",
+        [sys.executable, "-m", "tbsa.work.cli", "run", scene.file, "--duration", "60",
          "--out", folder, "--quiet"], cwd=ROOT)
     begin = time.monotonic()
     while child.poll() is None and time.monotonic() - begin < 300.0:
@@ -176,7 +176,7 @@ def test_killed_from_outside_and_resumed_a_run_ends_in_the_same_bits(scene, tmp_
         time.sleep(0.01)
     child.kill()
     assert child.wait() == -signal.SIGKILL, "it ended before it was killed"
-    assert 5.0 < tbsa.read_run(folder).time[-1] < 200.0
+    assert 5.0 < tbsa.read_run(folder).time[-1] < 60.0
     assert records.run(scene, folder, resume=True).finished
     records.run(scene, tmp_path / "whole")
     assert same(folder, tmp_path / "whole") == []

@@ -450,6 +450,15 @@ _pooled = False  # in a process of the default pool
 
 def work(job: Job) -> tuple[str, str]:
     """Do a run or go on with it; how it ended, and why if it failed."""
+    how = _work(job)
+    if _pooled and ((how[0] == STOPPED and job.session.exists()) or _orphaned()):
+        # Told to end by a signal, or the campaign was killed, perhaps in a run's last moments,
+        # which took the watcher's signal for itself: saved, and nobody to report to.
+        os._exit(1)
+    return how
+
+
+def _work(job: Job) -> tuple[str, str]:
     if not job.session.exists():
         return STOPPED, ""
     try:
@@ -459,9 +468,6 @@ def work(job: Job) -> tuple[str, str]:
         ended = False
     except Exception as error:
         return FAILED, _message(error)
-    if not ended and _pooled and job.session.exists():
-        # Told to end by a signal, or the campaign was killed: saved, and nobody to report to.
-        os._exit(1)
     return (DONE if ended else STOPPED), ""
 
 
@@ -507,6 +513,12 @@ def _in_pool() -> None:
         os.kill(os.getpid(), signal.SIGTERM)  # a run saves first
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _orphaned() -> bool:
+    """Whether the process that began this one has died."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and not parent.is_alive()
 
 
 def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None,
