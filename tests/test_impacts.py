@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import INERTIA, MASS, WIDTH, material, momentum, simulate, state, tile
+from twins import separations
 
 from tbsa.model.scene import Drive, Reactor
 from theory import impact
@@ -504,3 +505,59 @@ def test_a_corner_that_sweeps_past_hits_what_is_in_its_way():
             assert s.counts.impacts[0] > 0
             assert s.counts.deepest[0] < 5e-3 * WIDTH
             assert s.kinetic_energy() == pytest.approx(energy, rel=1e-6)
+
+
+def nearest(target, other, seconds):
+    """How near two tiles that fly freely come within this time (m), by conservative advancement:
+    each a (centre, velocity, angle, spin)."""
+    fastest = sum(abs(v) + abs(spin) * DIAGONAL for _, v, _, spin in (target, other))
+    time, least = 0.0, math.inf
+    while time < seconds and least > 1e-6 * WIDTH:
+        gap = max(separations(*(place for centre, v, angle, spin in (target, other)
+                                for place in (centre + time * v, angle + time * spin)), WIDTH))
+        least = min(least, gap)
+        time += max(gap, 1e-6 * WIDTH) / fastest
+    return least
+
+
+@pytest.mark.parametrize("joined", [True, False])
+@pytest.mark.parametrize(("solver", "fastest", "spin"), [(RECOMMENDED, 0.3, 30.0),
+                                                         (DEFAULT, 0.5, 40.0)])
+def test_a_tile_that_spins_past_another_and_does_not_touch_it_goes_on_as_it_was(
+        solver, fastest, spin, joined):
+    """Corners come within 3 % of the width of another tile, on arcs that a straight line would
+    leave, and one face after another is the nearest."""
+    rng, passes = np.random.default_rng(5), 0
+    while passes < 60:
+        speed, side = fastest * rng.uniform(0.2, 1.0), rng.uniform(0.8, 1.42) * WIDTH
+        way = cmath.rect(1.0, rng.uniform(0.0, 2.0 * math.pi))
+        other = (way * complex(0.055, rng.choice([-side, side])), -way * speed,
+                 rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-spin, spin))
+        target = 0j, 0j, rng.uniform(-0.5, 0.5), 0.0
+        seconds = 0.085 / speed
+        if not 1e-4 * WIDTH < nearest(target, other, seconds) < 0.03 * WIDTH:
+            continue
+        passes += 1
+        s = simulate([tile(angle=target[2], held=passes % 2 == 0),
+                      tile(other[0].real, other[0].imag, other[2], other[1].real, other[1].imag,
+                           other[3])],
+                     body=material(friction=0.25, restitution=0.2, restitution_threshold=0.01),
+                     **{**solver, "join_substeps": joined})
+        s.run(seconds)
+        assert state(s)[3:, 1] == pytest.approx([other[1].real, other[1].imag, other[3]], rel=1e-12)
+        assert not state(s)[3:, 0].any()
+        assert s.counts.impacts[0] == 0
+
+
+@pytest.mark.parametrize("clearance", [0.001, 0.01, 0.03])
+def test_a_tile_that_spins_along_a_wall_of_tiles_and_does_not_touch_it_goes_on_as_it_was(clearance):
+    rng = np.random.default_rng(7)
+    for solver in (DEFAULT, RECOMMENDED) * 10:
+        spin, v, angle = rng.uniform(1.0, 60.0), rng.uniform(-0.3, 0.3), rng.uniform(0.0, 6.0)
+        s = simulate([tile(0.0, -0.5 * WIDTH - DIAGONAL - clearance * WIDTH, angle, v, 0.0, spin)]
+                     + [tile(i * WIDTH, held=True) for i in range(-4, 5)],
+                     body=material(friction=0.3, restitution=0.3, restitution_threshold=0.01),
+                     **solver)
+        s.run(0.3)
+        assert state(s)[3:, 0] == pytest.approx([v, 0.0, spin], rel=1e-12)
+        assert s.counts.impacts[0] == 0

@@ -156,6 +156,24 @@ def test_touching_tiles_at_rest_stay_at_rest_to_the_bit_and_press_nobody(law, so
     assert s.contact_forces()["a"].size == 0
 
 
+@pytest.mark.parametrize("seed", [45, 98, 175, 206])
+def test_reported_friction_stays_in_the_cone_while_a_tile_lands_flat(seed):
+    """One corner is down while the other is still on its way."""
+    rng = np.random.default_rng(seed)
+    s = simulate([tile(held=True),
+                  tile(0.0305, rng.uniform(-0.01, 0.01), rng.uniform(-0.02, 0.02),
+                       -rng.uniform(0.05, 0.3), rng.uniform(-0.5, 0.5), rng.uniform(-3.0, 3.0))],
+                 body=material(friction=0.5, restitution_threshold=0.01), tolerance=1e-9)
+    touched = 0
+    for _ in range(60):
+        s.advance(1)
+        contact = s.contact_forces()
+        touched += contact["a"].size
+        assert (np.abs(contact["friction"]) <= 0.5 * (contact["normal0"] + contact["normal1"])
+                * (1.0 + 1e-12)).all()
+    assert touched > 0
+
+
 def test_a_row_that_is_pushed_less_than_its_floor_friction_in_sum_stays():
     """A driven tile alone would slide; with three others in front of it, it does not.
 

@@ -407,14 +407,14 @@ def widest(n: int, x: np.ndarray, y: np.ndarray, pairs: Pairs, way: np.ndarray) 
 def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, calm: bool) -> int:
     """Length of the next substeps, in eighths of h, after the tiles that have rows."""
     vx, vy, w, ra, rb = v.vx, v.vy, v.w, rows.a, rows.b
-    turn2, past2 = 0.0, 0.0
+    turn2, past2, longest = 0.0, 0.0, JOINED * k.h
     for i in range(rows.size[0]):
         a, b = U(ra[i]), U(rb[i])
         dx, dy = vx[b] - vx[a], vy[b] - vy[a]
         speed2 = dx * dx + dy * dy
-        if b == U(k.n) and k.wall == CIRCLE:  # along it tiles slide as they are
-            towards = x[a] * dx + y[a] * dy
-            speed2 = towards * towards / max(x[a] * x[a] + y[a] * y[a], 1e-300)
+        if b == U(k.n) and k.wall == CIRCLE:  # along it tiles slide as they are, but for its bend
+            towards = abs(x[a] * dx + y[a] * dy) + longest * speed2
+            speed2 = min(speed2, towards * towards / max(x[a] * x[a] + y[a] * y[a], 1e-300))
         past2 = max(past2, speed2)
         turn2 = max(turn2, w[a] * w[a] + w[b] * w[b])
     turn, past = math.sqrt(turn2), math.sqrt(past2)
@@ -647,8 +647,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow
             overlap = max(overlap, crew.deepest[other * LINE])
         note_overlap(overlap, k.width, ticks, counts)
         if struck > 0:
-            counts.impacts[0] += struck
-            impacts(rows, with_substep(k, ahead), v, work.scratch, x, y, angle, c, s)
+            counts.impacts[0] += impacts(rows, with_substep(k, ahead), v, work.scratch, x, y,
+                                         angle, c, s)
     else:
         counts.overlap[0] += ticks
 

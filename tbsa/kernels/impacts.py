@@ -8,8 +8,9 @@ normal impulse of compression, with friction of its own bound mu times its own i
 pair of problems may gain energy where friction couples points; the decompression of an island
 is then shortened until its kinetic energy does not rise.
 
-What hits one after the other in a substep does so in rounds, in the order of time; what does not
-hit before its end is left to go on (`fly_on`), and hits in the next one.
+What would hit if it went on at its present rates, but does not on its arc, is let go.  What hits
+one after the other in a substep does so in rounds, in the order of time; what does not hit before
+its end is left to go on (`fly_on`), and hits in the next one.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import SPARE, place_block, weigh_block
-from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
+from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline
 from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
@@ -73,6 +74,8 @@ FLUSH = 1e-6
 ROUNDING = 2e-15
 # How a point that is about to hit meets the other body: what is more, holds.
 ALONE, TOGETHER, LATER = 0, 1, 2
+# Steps of the search for a meeting; the last few of them are Newton's.
+SEARCH = 60
 # Hits of one tile at times that differ by less than this part of the substep are one.
 SAME = 1e-3
 # A solve of impacts leaves up to so many tolerances; among what hits, this part of the fastest
@@ -119,61 +122,96 @@ def hit_times(r: np.ndarray, i: int) -> Any:
 
 
 @inline
+def safe(gap: float, rate: float, curve: float) -> float:
+    """How long a gap surely stays open, or gets no less where it is closed (s): one of this rate
+    (m/s), with a second derivative of no less than minus `curve`."""
+    room = 2.0 * max(gap, 0.0)
+    d = math.sqrt(rate * rate + curve * room)
+    return room / (d - rate) if rate < 0.0 else (rate + d) / max(curve, 1e-300)
+
+
+@inline
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray) -> Any:
-    """When and where the point of a row that hits closes its gap, both bodies flying on.
+    """When and where the bodies of a row that hits meet, both flying on.
 
-    Newton's method for the gap as a function of time, between a time `before` and, where the point
-    has turned back, one `after`.  Returns ``(how, time, n_x, n_y, an, bn, at, bt)``, time in s from
-    now; how: TOGETHER with another point, ALONE, or LATER than in this substep, if at all.
+    The row tells of the face that is nearest now, going on at its present rates; here the bodies
+    go along their arcs, and another face may come between.  Time goes on by as much as no corner
+    surely needs to reach the face that keeps the bodies apart (conservative advancement, of
+    second order), up to the meeting, or the end of the substep.  Returns ``(how, (time, n_x, n_y,
+    an, bn, at, bt))``, time in s from now; how: ALONE one point meets, TOGETHER two, or one and
+    another that rests there, LATER nothing in this substep.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
     a, b = U(body[t]), U(body[t + LANES])
-    wall = b == U(k.n)
-    vx, vy, w = v.vx, v.vy, v.w
-    first, other = hit_times(r, i)
-    second = other < first
-    gap, vn = (r[i + GAP1], r[i + VN1]) if second else (r[i + GAP0], r[i + VN0])
-    time, before, after = max(gap, 0.0) / -vn, 0.0, 2.0 * k.h
-    for _ in range(40):
-        qa = angle[a] + time * w[a]
-        ca, sa = cos_sin(qa)
+    vx, vy, w, half = v.vx, v.vy, v.w, 0.5 * k.width
+    wall, corner = b == U(k.n), int(r[i + ID1])
+    ux, uy = vx[b] - vx[a], vy[b] - vy[a]
+    speed, radius = math.sqrt(ux * ux + uy * uy), math.sqrt(2.0) * half
+    fastest = speed + radius * (abs(w[a]) + abs(w[b]))
+    near, slow = TOUCHING * k.width, k.threshold + k.tolerance
+    time, an, bn, at, bt = 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(SEARCH):
+        ca, sa = cos_sin(angle[a] + time * w[a])
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
-        if wall:
-            corner = int(r[i + ID1])
-            rx, ry = corner_arm(corner // 2, 0.5 * k.width, ca, sa)
-            gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
-            an, bn = rx * ny - ry * nx, 0.0
-            at, bt = rx * nx + ry * ny, 0.0
-        else:
-            cb, sb = cos_sin(angle[b] + time * w[b])
-            dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
-            # Both points, then the nearer one alone.
-            count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _, _ = square_square(
-                dx, dy, ca, sa, cb, sb, k.width, k.width)
-            if count != 1.0 and abs(gap1 - gap0) < FLUSH * k.width:
-                return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            count, nx, ny, _, gap, an, bn, _, _, _, _, at, bt, _, _ = square_square(
-                dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap0 + gap1))
-            if count != 1.0:
-                return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
-        if vn >= 0.0:
-            after = min(time, after)
-            if after - before < SAME * k.h:
-                return LATER if gap >= 0.0 else TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            time = 0.5 * (before + after)
-            continue
-        step = gap / -vn
         # As near as the places themselves are known.
-        least = max(1e-12 * k.h * -vn, ROUNDING * (abs(xa) + abs(ya) + k.width))
-        if abs(gap) <= least or (time == 0.0 and step <= 0.0):
-            return ALONE if time <= k.h else LATER, time, nx, ny, an, bn, at, bt
-        before = time if gap > 0.0 else before
-        time = max(time + step, before)
-        time = time if time < after else 0.5 * (before + after)
-    return TOGETHER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        least = max(1e-12 * k.h * fastest, ROUNDING * (abs(xa) + abs(ya) + k.width))
+        if wall:
+            rx, ry = corner_arm(corner // 2, half, ca, sa)
+            gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
+            an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
+            vn = -nx * vx[a] - ny * vy[a] - an * w[a]
+            if gap <= least and vn < 0.0:
+                return ALONE, (time, nx, ny, an, bn, at, bt)
+            round_wall = k.wall == CIRCLE
+            bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
+            step = safe(gap, vn, w[a] * w[a] * radius + bend)
+            step = min(step, 0.25 * k.wall_x / fastest) if round_wall else step
+            time += max(step, SAME * k.h) if gap <= least else step
+            if time > k.h:
+                break
+            continue
+        cb, sb = cos_sin(angle[b] + time * w[b])
+        dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
+        count, nx, ny, _, gap0, an0, bn0, _, gap1, an1, bn1, at, bt, _, of_a = square_square(
+            dx, dy, ca, sa, cb, sb, k.width, k.width)
+        along = nx * ux + ny * uy
+        vn0, vn1 = along + bn0 * w[b] - an0 * w[a], along + bn1 * w[b] - an1 * w[a]
+        first, second = gap0 <= least and vn0 < 0.0, gap1 <= least and vn1 < 0.0
+        if count != 0.0 and (first or second):
+            an, bn = (an1, bn1) if second else (an0, bn0)
+            gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
+            if count == 2.0 and (abs(other - gap) < FLUSH * k.width
+                                 or (other < near and abs(vn) <= slow)):
+                return TOGETHER, (time, nx, ny, an, bn, at, bt)
+            if gap <= other:  # the nearer of them alone
+                _, nx, ny, _, _, an, bn, _, _, _, _, at, bt, _, _ = square_square(
+                    dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap + other))
+            return ALONE, (time, nx, ny, an, bn, at, bt)
+        # The corners of the other square, from the centre of the face's, whose normal turns.
+        side = 1.0 if of_a else -1.0
+        face, spin = (w[a], w[b]) if of_a else (w[b], w[a])
+        c, s = (cb, sb) if of_a else (ca, sa)
+        far = math.sqrt(dx * dx + dy * dy) + speed * k.h + radius
+        curve = (face * face * far + 2.0 * abs(face) * (speed + radius * abs(spin))
+                 + spin * spin * radius)
+        step, nearest = math.inf, math.inf
+        for q in range(4):
+            rx, ry = corner_arm(q, half, c, s)
+            px, py = side * dx + rx, side * dy + ry
+            gap = side * (nx * px + ny * py) - half
+            vn = side * (nx * (side * ux - spin * ry + face * py)
+                         + ny * (side * uy + spin * rx - face * px))
+            nearest = min(nearest, gap)
+            if gap > near or abs(vn) > slow:  # what rests there does not come
+                step = min(step, safe(gap, vn, curve))
+        if nearest <= least:  # what leaves, or passes by a corner, is looked at again soon
+            step = max(step, BLUNT * k.width / fastest if count == 0.0 else SAME * k.h)
+        time += step
+        if time > k.h:
+            break
+    return LATER, (time, nx, ny, an, bn, at, bt)
 
 
 @inline
@@ -192,26 +230,18 @@ def fly_on(r: np.ndarray, i: int, h: float) -> None:
 
 @inline
 def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch,
-                x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
-                s: np.ndarray) -> int:
-    """Routh's impact at the one point of a row that hits.
+                x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray,
+                meet: Any) -> None:
+    """Routh's impact at the one point of a row that hits, at its `meeting`.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
     the velocities that they then have: what they do after the impact is exact, and no momentum
-    is lost; what else they then hit is marked.  Returns `how` of `meeting`; where others hit with
-    this one, nothing is done.
+    is lost; what else they then hit is marked.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
-    first, second = hit_times(r, i)
-    if abs(first - second) <= SAME * k.h:
-        return TOGETHER
-    how, time, nx, ny, an, bn, at, bt = meeting(rows, block, lane, k, v, x, y, angle)
-    if how == LATER:
-        fly_on(r, i, k.h)
-    if how != ALONE:
-        return int(how)
     a, b = U(body[t]), U(body[t + LANES])
+    time, nx, ny, an, bn, at, bt = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
     ma, mb = v.mobile[a], v.mobile[b]
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
@@ -246,7 +276,6 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
             if rows.of[p] != row:
                 place_again(rows, rows.of[p], k, threshold, v, z, x, y, c, s)
-    return ALONE
 
 
 @inline
@@ -417,14 +446,15 @@ def company(rows: Rows, tile: int, row: int, time: float, k: Numbers) -> int:
 
 @inline
 def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-            angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+            angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> int:
     """Impulses of everything that hits in this substep, as marked in ``hit``: in rounds, as what
-    is thrown may hit something else, or the same tile with another corner.
+    is thrown may hit something else, or the same tile with another corner.  Returns the number of
+    points that have hit.
 
     The floor's dry friction is a finite force and does nothing in an impact.  Only the rows that
     an impact reaches are looked at; they are left as they were.
     """
-    r, body, hits, mobile = rows.field, rows.body, rows.hits, v.mobile
+    r, body, hits, mobile, points = rows.field, rows.body, rows.hits, v.mobile, 0
     for turn in range(ROUNDS):
         size, more = ZERO, ZERO
         for block in range(rows.first[COLOURS]):
@@ -434,25 +464,29 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             for i in range(LANES):
                 if r[o + HIT + i] == 0.0:
                     continue
-                row, how = 8 * block + int(i), ALONE
-                time = min(hit_times(r, o + i))
+                how, meet = meeting(rows, block, i, k, v, x, y, angle)
+                if how == LATER:
+                    fly_on(r, o + i, k.h)
+                    continue
+                row, time = 8 * block + int(i), min(hit_times(r, o + i))
                 for tile in (body[t + i], body[t + LANES + i]):
                     if mobile[tile] != 0.0:
                         how = max(how, company(rows, tile, row, time, k))
                 if how == ALONE:
-                    how = lone_impact(rows, block, i, k, v, z, x, y, angle, c, s)
-                    more += 1 if how == ALONE else 0
+                    lone_impact(rows, block, i, k, v, z, x, y, angle, c, s, meet)
+                    more += 1
+                    points += 1
                 elif how == LATER and turn < ROUNDS - 1:
                     more += 1
                 else:
-                    how = TOGETHER
-                if how == TOGETHER:
                     rows.now[size] = row
                     size += 1
+                    points += 2 if r[o + HIT + i] == 3.0 else 1
         if size > 0:
             together(rows, k, v, z, x, y, c, s, size)
         if size + more == 0:
             break
+    return points
 
 
 @inline

@@ -42,10 +42,12 @@ from tbsa.kernels.rows import (
     LANES,
     MA,
     MB,
+    MU,
     NX,
     NY,
     PN0,
     PN1,
+    PT,
     Rows,
 )
 from tbsa.kernels.sweeps import lane_of, queue
@@ -131,8 +133,8 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
 
     With the velocities of each row when it was last solved, which is near enough to choose.
     A point that the solve has only kept from coming too far, as it is still on its way at more
-    than what a solve leaves, gets rid of its impulse: it has not been in contact, and hits in the
-    next substep.
+    than what a solve leaves, gets rid of its impulse, and of the friction that this has borne: it
+    has not been in contact, and hits in the next substep.
     """
     r, hits, low = rows.field, rows.hits, -SLOP * k.width
     away = k.h * (k.threshold + FLYING * k.tolerance)
@@ -151,6 +153,8 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
             r[at + HIT] = 1.0 if near else 0.0
             r[at + PN0] = 0.0 if r[at + GAP0] > away else r[at + PN0]
             r[at + PN1] = 0.0 if r[at + GAP1] > away else r[at + PN1]
+            most = r[at + MU] * (r[at + PN0] + r[at + PN1])
+            r[at + PT] = min(max(r[at + PT], -most), most)
             some += 1 if near else 0
         hits[block] = some
 

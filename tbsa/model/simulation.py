@@ -364,7 +364,7 @@ class Simulation:
         """Contact forces of the last substep, one entry a manifold that carries any.
 
         What rests, slides or is pressed has them; an impact has an impulse and no force, and is
-        not among them.
+        not among them, nor is what slows a point that is on its way to one.
 
         Returns
         -------
