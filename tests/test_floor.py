@@ -6,21 +6,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import simulate, tile
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
+from twins import ellipsoid_impulse
 
 from tbsa.kernels.floor import (
     COUPLED,
     EXACT,
-    NONE,
     SEPARATE,
     STEPS,
     TORQUE,
     _normal,
-    ellipsoid,
     floor_impulse,
     square_friction,
 )
+from tbsa.model.scene import Floor
 from theory import floor as truth
 
 MASS, WIDTH, MU, STEP = 0.016, 0.03, 0.25, 1 / 480
@@ -41,7 +42,7 @@ angles = st.floats(-4.0, 4.0)
 
 def impulse(law, start, trial, angle=0.0, m=MASS, inertia=INERTIA, r=R, q=Q):
     return np.array(floor_impulse(law, *map(float, start), *map(float, trial), m, inertia, r, q,
-                                  math.cos(angle), math.sin(angle)))
+                                  math.cos(angle), math.sin(angle))[:3])
 
 
 def turned(vector, angle):
@@ -239,18 +240,12 @@ def test_a_sliding_tile_is_easy_to_turn(law):
 
 @given(start=twists, trial=twists, size=st.floats(-3.0, 1.0), load=st.floats(-4.0, 2.0))
 @quick
-def test_the_vector_code_of_the_coupled_law_is_the_law(start, trial, size, load):
+def test_four_steps_lead_to_the_impulse_of_the_coupled_law(start, trial, size, load):
     width, r = WIDTH * 10**size, R * 10**load
     inertia, q = MASS * width**2 / 6.0, TORQUE * r * width
-    known = impulse(COUPLED, start, trial, 0.0, MASS, inertia, r, q)
-    *p, stops = ellipsoid(*map(float, start), *map(float, trial), MASS, inertia, r, q)
+    p = impulse(COUPLED, start, trial, 0.0, MASS, inertia, r, q)
+    known = ellipsoid_impulse(start, trial, MASS, inertia, r, q)
     assert np.all(np.abs(p - known) <= 1e-13 * np.array([r, r, q]))
-    stopping = -np.array([MASS, MASS, inertia]) * trial
-    assert stops == np.array_equal(known, stopping)
-
-
-def test_no_law_no_impulse():
-    assert tuple(impulse(NONE, (1.0, 2.0, 3.0), (1.0, 2.0, 3.0))) == (0.0, 0.0, 0.0)
 
 
 # Sliding: the impulse of maximum dissipation for the mean twist.
@@ -382,6 +377,7 @@ def test_exact_law_converges_inside_outside_and_at_the_edge_of_its_set():
 @settings(deadline=None, max_examples=500)
 def test_every_magnitude_is_solved_to_rounding(radii, masses, start, trial, law):
     (r, q), (m, inertia) = (10.0**k for k in radii), (10.0**k for k in masses)
+    q = q if law == SEPARATE else TORQUE * r * math.sqrt(6.0 * inertia / m)  # a square's
     p = impulse(law, start, trial, 0.0, m, inertia, r, q)
     mass = np.array([m, m, inertia])
     linear, angular = math.hypot(p[0], p[1]) / r, abs(p[2]) / q
@@ -397,13 +393,21 @@ def test_every_magnitude_is_solved_to_rounding(radii, masses, start, trial, law)
         assert np.all(np.abs(twist - k * normal) <= noise + slack * np.abs(normal))
 
 
-@pytest.mark.parametrize("law", [SEPARATE, COUPLED])
 @pytest.mark.parametrize(("r", "q"), [(0.0, Q), (R, 0.0), (0.0, 0.0)])
-def test_a_bound_of_zero_leaves_the_other_alone(law, r, q):
+def test_a_bound_of_zero_leaves_the_other_alone(r, q):
     trial = np.array([3.0 * R / MASS, 0.0, 3.0 * Q / INERTIA])
-    p = impulse(law, trial, trial, 0.0, r=r, q=q)
+    p = impulse(SEPARATE, trial, trial, 0.0, r=r, q=q)
     assert p == pytest.approx((-r, 0.0, -q), rel=1e-14, abs=0.0)
-    assert tuple(impulse(law, np.zeros(3), np.zeros(3), 0.0, r=r, q=q)) == (0.0, 0.0, 0.0)
+    assert tuple(impulse(SEPARATE, np.zeros(3), np.zeros(3), 0.0, r=r, q=q)) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("floor", [
+    Floor("separate", linear=0.0, angular=0.0), Floor("coupled", linear=0.0),
+    Floor("exact", linear=0.0)], ids=lambda floor: floor.law)
+def test_a_floor_without_friction_is_none(floor):
+    s = simulate([tile(vx=0.2, spin=3.0)], floor=floor)
+    s.run(1.0)
+    assert (s.vx[0], s.omega[0]) == (0.2, 3.0)
 
 
 @pytest.mark.parametrize(("law", "turn"), [(SEPARATE, 0.83), (COUPLED, 0.83), (EXACT, 0.83)])

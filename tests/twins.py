@@ -9,6 +9,9 @@ import cmath
 import math
 from itertools import combinations
 
+import numpy as np
+from scipy.optimize import brentq
+
 from tbsa.kernels.geometry import BLUNT
 
 EAST_FIRST = (1, 1j, -1, -1j)  # outward normals of E, N, W, S, the order of the contact ids
@@ -146,3 +149,23 @@ def wall_points(x, y, angle, width, margin, radius=None, half=None):
     return found
 
 
+
+
+def ellipsoid_impulse(start, trial, mass, inertia, r, q):
+    """The floor's impulse under coupled friction, its bounds r (N s) and q (N m s).
+
+    What stops the tile, if that is within the ellipsoid; else minus what stops the mean of the
+    twists; else on the ellipsoid, along its normal at minus the mean twist: the multiplier by
+    bisection.
+    """
+    m, bound = np.array([mass, mass, inertia]), np.array([r, r, q])
+    for impulse in (-m * trial, -m * (start + trial)):
+        if np.sum((impulse / bound) ** 2) <= 1.0:
+            return impulse
+    b = bound * (start + trial)
+
+    def beyond(k):
+        return np.linalg.norm(b / (bound**2 / m + k)) - 1.0
+
+    k = brentq(beyond, 0.0, np.linalg.norm(b), xtol=1e-300, rtol=1e-15)
+    return -bound * b / (bound**2 / m + k)

@@ -17,7 +17,8 @@ work on it.  Limit sets, for bounds R = F_max h and Q = T_max h:
 - ``EXACT``: the set of a square under uniform pressure (Goyal, Ruina and Papadopoulos, "Planar
   sliding with dry friction", Wear 143, 1991), in closed form.  Its width is Q/(R TORQUE).
 
-Bounds are finite and not negative.  Either may be zero; for ``EXACT`` that means no friction.
+Bounds are finite and not negative.  Those of ``SEPARATE`` may be zero; the others' are those of a
+square, R > 0 and Q = TORQUE R width.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.jit import inline, lane
+from tbsa.kernels.jit import apart, inline, lane
 
 NONE, SEPARATE, COUPLED, EXACT = 0, 1, 2, 3
 
@@ -54,26 +55,26 @@ class FloorLaw(NamedTuple):
     torque: float  # N m, T_max
 
 
-@inline
+@lane
 def floor_impulse(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: float, w: float,
                   m: float, inertia: float, R: float, Q: float, cos: float, sin: float) -> Any:
-    """Impulse ``(px, py, pt)`` of the floor on one tile (N s, N s, N m s; world axes).
+    """Impulse ``(px, py, pt)`` of the floor on one tile (N s, N s, N m s; world axes), and whether
+    it stops and stops turning.
 
     `v0x`, `v0y`, `w0` is the twist at the start of the substep, `vx`, `vy`, `w` at its end
-    without the impulse.  A tile that stops gets exactly ``-m * vx, -m * vy`` and
-    ``-inertia * w`` (law ``SEPARATE``: either the first two, or the last, or all).
+    without the impulse; `law` is no variable where loops are to become vector code.  A tile that
+    stops gets exactly ``-m * vx, -m * vy``, one that stops turning ``-inertia * w``.
     """
     if law == SEPARATE:
-        px, py, _ = disc(v0x, v0y, vx, vy, m, R)
-        pt, _ = interval(w0, w, inertia, Q)
-        return px, py, pt
-    if law == COUPLED:
-        if _gauge2(m * vx, m * vy, inertia * w, R, Q) <= 1.0:
-            return -m * vx, -m * vy, -inertia * w
-        return _ellipsoid(v0x + vx, v0y + vy, w0 + w, m, inertia, R, Q)
-    if law == EXACT:
-        return _exact(v0x + vx, v0y + vy, w0 + w, vx, vy, w, m, inertia, R, Q, cos, sin)
-    return 0.0, 0.0, 0.0
+        px, py, stops = disc(v0x, v0y, vx, vy, m, R)
+        pt, halts = interval(w0, w, inertia, Q)
+    elif law == COUPLED:
+        px, py, pt, stops = ellipsoid(v0x, v0y, w0, vx, vy, w, m, inertia, R, Q)
+        halts = stops
+    else:
+        px, py, pt = _exact(v0x + vx, v0y + vy, w0 + w, vx, vy, w, m, inertia, R, Q, cos, sin)
+        stops, halts = (px == -m * vx) & (py == -m * vy), pt == -inertia * w
+    return px, py, pt, stops, halts
 
 
 @lane
@@ -103,57 +104,30 @@ def interval(v0: float, v: float, m: float, R: float) -> Any:
     return (-m * v if halts else impulse), halts
 
 
-@inline
-def _gauge2(px: float, py: float, pt: float, R: float, Q: float) -> float:
-    """Square of the multiple of the ellipsoid on whose surface an impulse lies."""
-    linear, angular = math.sqrt(px * px + py * py), abs(pt)
-    if linear > 0.0:  # else 0, also for R = 0
-        linear = linear / R if R > 0.0 else math.inf
-    if angular > 0.0:
-        angular = angular / Q if Q > 0.0 else math.inf
-    return linear * linear + angular * angular
-
-
-@inline
-def _ellipsoid(sx: float, sy: float, sw: float, m: float, inertia: float, R: float,
-               Q: float) -> Any:
-    """Minus the projection of M s onto the ellipsoid, in the metric of M^-1.
-
-    With a multiplier k, p = -(R^2 s_x/(A + k), R^2 s_y/(A + k), Q^2 s_w/(B + k)), A = R^2/m,
-    B = Q^2/I, and k solves f(k) = (R |s|/(A + k))^2 + (Q s_w/(B + k))^2 = 1.  1/sqrt(f) is
-    concave and nearly straight, so Newton steps on it rise to the root from a lower bound.
-    """
-    if _gauge2(m * sx, m * sy, inertia * sw, R, Q) <= 1.0:
-        return -m * sx, -m * sy, -inertia * sw
-    A, B = R * R / m, Q * Q / inertia
-    a, b = R * math.sqrt(sx * sx + sy * sy), Q * abs(sw)
-    k = max(max(a - A, b - B), max(math.sqrt(a * a + b * b) - max(A, B), 0.0))
-    if k + min(A, B) <= 0.0:  # no friction at all, or underflow
-        return 0.0, 0.0, 0.0
-    for _ in range(60):
-        u, t = a / (A + k), b / (B + k)
-        f = u * u + t * t
-        step = f * (math.sqrt(f) - 1.0) / (u * u / (A + k) + t * t / (B + k))
-        k += step
-        if not step > 1e-15 * (k + min(A, B)):
-            break
-    linear, angular = R * (R / (A + k)), Q * (Q / (B + k))
-    return -linear * sx, -linear * sy, -angular * sw
-
-
 @lane
 def ellipsoid(v0x: float, v0y: float, w0: float, vx: float, vy: float, w: float, m: float,
               inertia: float, R: float, Q: float) -> Any:
-    """The law `COUPLED` for a square, without branches; and whether the tile stops.
-
-    As in `floor_impulse`, for Q = TORQUE R width > 0.  B is then 0.88 A, the function is all but
-    straight, and four Newton steps lead to the root as far as numbers go.
-    """
+    """The law `COUPLED` for a square, without branches; and whether the tile stops."""
     A, B = R * R / m, Q * Q / inertia
     stops = (vx * vx + vy * vy) * (m / A) + w * w * (inertia / B) <= 1.0
-    sx, sy, sw = v0x + vx, v0y + vy, w0 + w
+    px, py, pt = projected(v0x + vx, v0y + vy, w0 + w, m, inertia, R, Q)
+    return (-m * vx if stops else px, -m * vy if stops else py, -inertia * w if stops else pt,
+            stops)
+
+
+@lane
+def projected(sx: float, sy: float, sw: float, m: float, inertia: float, R: float,
+              Q: float) -> Any:
+    """Minus the projection of M s onto the ellipsoid, in the metric of M^-1, without branches.
+
+    With a multiplier k, p = -(R^2 s_x/(A + k), R^2 s_y/(A + k), Q^2 s_w/(B + k)), A = R^2/m,
+    B = Q^2/I, and k solves f(k) = (R |s|/(A + k))^2 + (Q s_w/(B + k))^2 = 1.  1/sqrt(f) is
+    concave and nearly straight, so Newton steps on it rise to the root from a lower bound.  For
+    Q = TORQUE R width > 0, a square's, B is 0.88 A, and four of them lead as far as numbers go.
+    """
+    A, B = R * R / m, Q * Q / inertia
     s2 = sx * sx + sy * sy
-    rests = s2 * (m / A) + sw * sw * (inertia / B) <= 1.0  # on the mean
+    rests = s2 * (m / A) + sw * sw * (inertia / B) <= 1.0
     a, b = R * math.sqrt(s2), Q * abs(sw)
     k = max(max(a - A, b - B), math.sqrt(a * a + b * b) - max(A, B))
     for _ in range(4):
@@ -163,8 +137,7 @@ def ellipsoid(v0x: float, v0y: float, w0: float, vx: float, vy: float, w: float,
         k += f * (math.sqrt(f) - 1.0) / (u * u * over_a + t * t * over_b)
     linear = m if rests else R * R / (A + k)
     angular = inertia if rests else Q * Q / (B + k)
-    return (-m * vx if stops else -linear * sx, -m * vy if stops else -linear * sy,
-            -inertia * w if stops else -angular * sw, stops)
+    return -linear * sx, -linear * sy, -angular * sw
 
 
 @inline
@@ -278,7 +251,7 @@ def _normal(bx: float, by: float, bw: float, m: float, inertia: float, nx: float
 @inline
 def _inside(bx: float, by: float, bw: float) -> bool:
     """Whether an impulse lies inside the exact set; units as in :func:`square_friction`."""
-    g = _gauge2(bx, by, bw, 1.0, TORQUE)
+    g = bx * bx + by * by + bw * bw / (TORQUE * TORQUE)  # 1 on the ellipsoid
     if g <= INNER * INNER:
         return True
     if g > OUTER * OUTER:
@@ -287,15 +260,13 @@ def _inside(bx: float, by: float, bw: float) -> bool:
     return bool(_normal(bx, by, bw, 1.0, arm2, bx, by, bw / arm2, np.bool_(True))[0] <= 0.0)
 
 
-@inline
+@apart
 def _exact(sx: float, sy: float, sw: float, vx: float, vy: float, w: float, m: float,
            inertia: float, R: float, Q: float, cos: float, sin: float) -> Any:
     """The law for the exact set, from the doubled mean twist s and the trial twist."""
     stop = -m * vx, -m * vy, -inertia * w
     if stop[0] == 0.0 and stop[1] == 0.0 and stop[2] == 0.0:
         return stop
-    if R <= 0.0 or Q <= 0.0:
-        return 0.0, 0.0, 0.0
     # Units: impulses in R and R * width, twists in m/s and m/s / width, axes of the tile.
     width = Q / (R * TORQUE)
     m1, i1 = m / R, inertia / (R * width * width)
@@ -307,7 +278,7 @@ def _exact(sx: float, sy: float, sw: float, vx: float, vy: float, w: float, m: f
     bx, by, bw = m1 * sx, m1 * sy, i1 * sw
     hx, hy, hw = bx, by, bw
     if not _inside(bx, by, bw):  # otherwise the mean twist is zero
-        ex, ey, ew = _ellipsoid(sx, sy, sw, m1, i1, 1.0, TORQUE)
+        ex, ey, ew = projected(sx, sy, sw, m1, i1, 1.0, TORQUE)
         nx, ny, nw = sx + ex / m1, sy + ey / m1, sw + ew / i1
         if abs(nx) + abs(ny) + abs(nw) <= 1e-9 * (abs(sx) + abs(sy) + abs(sw)):
             nx, ny, nw = bx, by, bw / (TORQUE * TORQUE)
@@ -318,46 +289,3 @@ def _exact(sx: float, sy: float, sw: float, vx: float, vy: float, w: float, m: f
             part = min(1.0, max(0.0, work / ((hx * hx + hy * hy) / m1 + hw * hw / i1)))
             hx, hy, hw = part * hx, part * hy, part * hw
     return -R * (cos * hx - sin * hy), -R * (sin * hx + cos * hy), -R * width * hw
-
-
-# What the solve does with a tile: `p` is its impulse so far, in the velocities that are given; what
-# is returned are both anew.
-
-
-@lane
-def separate(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
-             px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
-             bound: float, turn: float) -> Any:
-    """Floor impulse of a tile anew, and its velocity with it, under the law `SEPARATE`.
-
-    A tile that the floor stops is at rest exactly, not to rounding.
-    """
-    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, stops = disc(startx, starty, tx, ty, mass, bound)
-    pw, halts = interval(startw, tw, inertia, turn)
-    ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
-    return px, py, pw, ux, uy, (0.0 if halts else tw + ii * pw)
-
-
-@lane
-def coupled(startx: float, starty: float, startw: float, vx: float, vy: float, w: float,
-            px: float, py: float, pw: float, im: float, ii: float, mass: float, inertia: float,
-            bound: float, turn: float) -> Any:
-    """The same under the law `COUPLED`."""
-    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, pw, stops = ellipsoid(startx, starty, startw, tx, ty, tw, mass, inertia, bound, turn)
-    return (px, py, pw, 0.0 if stops else tx + im * px, 0.0 if stops else ty + im * py,
-            0.0 if stops else tw + ii * pw)
-
-
-@inline
-def exact(startx: float, starty: float, startw: float, vx: float, vy: float, w: float, px: float,
-          py: float, pw: float, im: float, ii: float, mass: float, inertia: float, bound: float,
-          turn: float, c: float, s: float) -> Any:
-    """The same under the law `EXACT`."""
-    tx, ty, tw = vx - im * px, vy - im * py, w - ii * pw
-    px, py, pw = _exact(startx + tx, starty + ty, startw + tw, tx, ty, tw, mass, inertia, bound,
-                        turn, c, s)
-    stopped = px == -mass * tx and py == -mass * ty
-    ux, uy = (0.0 if stopped else tx + im * px), (0.0 if stopped else ty + im * py)
-    return px, py, pw, ux, uy, (0.0 if pw == -inertia * tw else tw + ii * pw)

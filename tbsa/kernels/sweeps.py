@@ -25,7 +25,7 @@ from tbsa.kernels.crew import (
     collect,
     give,
 )
-from tbsa.kernels.floor import COUPLED, SEPARATE, FloorLaw, coupled, exact, separate
+from tbsa.kernels.floor import COUPLED, EXACT, SEPARATE, FloorLaw, floor_impulse
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.manifold import push, solve_mixed, solve_pairs
 from tbsa.kernels.rows import (
@@ -234,65 +234,41 @@ def tile_change(k: Numbers, vx: float, vy: float, w: float, ux: float, uy: float
     return float(as_fast(k, change, speed_of(ux, uy, uw, k.width)))
 
 
+@lane
+def floor_below(law: int, i: int, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray,
+                v: Bodies) -> float:
+    """Solve the floor's impulse of tile i; returns by how much (m/s) it changed, as it counts.
+
+    A tile that the floor stops is at rest exactly, not to rounding.
+    """
+    im, ii = k.im, k.ii
+    vx, vy, w = v.vx[i], v.vy[i], v.w[i]
+    tx, ty, tw = vx - im * v.floorx[i], vy - im * v.floory[i], w - ii * v.floort[i]
+    px, py, pt, stops, halts = floor_impulse(
+        law, v.startx[i], v.starty[i], v.startw[i], tx, ty, tw, 1.0 / im, 1.0 / ii,
+        floor.force * k.h, floor.torque * k.h, c[i], s[i])
+    ux, uy = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
+    uw = 0.0 if halts else tw + ii * pt
+    v.floorx[i], v.floory[i], v.floort[i] = px, py, pt
+    v.vx[i], v.vy[i], v.w[i] = ux, uy, uw
+    return float(tile_change(k, vx, vy, w, ux, uy, uw))
+
+
 @inline
 def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies, begin: int,
                 end: int) -> None:
     """Solve the floor's impulse of these tiles; ``change`` (m/s) says by how much it did, as it
     counts."""
-    bound, turn = floor.force * k.h, floor.torque * k.h
-    im, ii, mass, inertia = k.im, k.ii, 1.0 / k.im, 1.0 / k.ii
-    vx, vy, w, change = v.vx, v.vy, v.w, v.change
-    startx, starty, startw = v.startx, v.starty, v.startw
-    floorx, floory, floort = v.floorx, v.floory, v.floort
-    first, last = U(begin), U(end)
+    change, first, last = v.change, U(begin), U(end)
     if floor.law == SEPARATE:
         for i in range(first, last):
-            px, py, pw, ux, uy, uw = separate(
-                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
-                floort[i], im, ii, mass, inertia, bound, turn)
-            change[i] = tile_change(k, vx[i], vy[i], w[i], ux, uy, uw)
-            floorx[i], floory[i], floort[i] = px, py, pw
-            vx[i], vy[i], w[i] = ux, uy, uw
+            change[i] = floor_below(SEPARATE, i, floor, k, c, s, v)
     elif floor.law == COUPLED:
         for i in range(first, last):
-            px, py, pw, ux, uy, uw = coupled(
-                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
-                floort[i], im, ii, mass, inertia, bound, turn)
-            change[i] = tile_change(k, vx[i], vy[i], w[i], ux, uy, uw)
-            floorx[i], floory[i], floort[i] = px, py, pw
-            vx[i], vy[i], w[i] = ux, uy, uw
+            change[i] = floor_below(COUPLED, i, floor, k, c, s, v)
     else:
         for i in range(first, last):
-            px, py, pw, ux, uy, uw = exact(
-                startx[i], starty[i], startw[i], vx[i], vy[i], w[i], floorx[i], floory[i],
-                floort[i], im, ii, mass, inertia, bound, turn, c[i], s[i])
-            change[i] = tile_change(k, vx[i], vy[i], w[i], ux, uy, uw)
-            floorx[i], floory[i], floort[i] = px, py, pw
-            vx[i], vy[i], w[i] = ux, uy, uw
-
-
-@inline
-def floor_alone(i: int, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray,
-                v: Bodies) -> float:
-    """Solve the floor's impulse of tile i; returns by how much (m/s) it changed, as it
-    counts."""
-    im, ii, bound, turn = k.im, k.ii, floor.force * k.h, floor.torque * k.h
-    vx, vy, w = v.vx[i], v.vy[i], v.w[i]
-    if floor.law == SEPARATE:
-        px, py, pw, ux, uy, uw = separate(
-            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
-            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
-    elif floor.law == COUPLED:
-        px, py, pw, ux, uy, uw = coupled(
-            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
-            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn)
-    else:
-        px, py, pw, ux, uy, uw = exact(
-            v.startx[i], v.starty[i], v.startw[i], vx, vy, w, v.floorx[i], v.floory[i],
-            v.floort[i], im, ii, 1.0 / im, 1.0 / ii, bound, turn, c[i], s[i])
-    v.floorx[i], v.floory[i], v.floort[i] = px, py, pw
-    v.vx[i], v.vy[i], v.w[i] = ux, uy, uw
-    return float(tile_change(k, vx, vy, w, ux, uy, uw))
+            change[i] = floor_below(EXACT, i, floor, k, c, s, v)
 
 
 @inline
@@ -390,6 +366,6 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
                 continue
             moved[tile] = 0
             if (floor.law != 0 and tile < k.n
-                    and floor_alone(tile, floor, k, c, s, v) > little):
+                    and floor_below(floor.law, tile, floor, k, c, s, v) > little):
                 m = queue(rows, v, tile, m)
     return m, worst
