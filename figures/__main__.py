@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterable
 from importlib import import_module
@@ -16,11 +17,15 @@ SCRIPTS = sorted(path.stem for path in HERE.glob("*.py")
                  if path.stem != "style" and not path.stem.startswith("_"))
 
 
-def main(names: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Make the figures of these names, or all; the others where the data of one do not serve.
 
     Returns 1 where they do not, or files of a named one are missing.
     """
+    parser = argparse.ArgumentParser(prog="python -m figures", description=(
+        "Make figures, as PDF and PNG in figures/output, from the data that are kept."))
+    parser.add_argument("name", nargs="*", help=f"default: all; {', '.join(SCRIPTS)}")
+    names = parser.parse_args(arguments).name
     if unknown := set(names) - set(SCRIPTS):
         print(f"there is no figure {', '.join(sorted(unknown))}; there are {', '.join(SCRIPTS)}",
               file=sys.stderr)

@@ -8,10 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SLIDING, WIDTH, scene, tile
+from scenes import CHESSBOARD, SLIDING, WIDTH, scene, tile
 
 from tbsa.errors import InputError
-from tbsa.model.scene import Drive, Floor, Material, Reactor, Record, Solver, dumps, parse
+from tbsa.model.scene import (
+    Drive,
+    Floor,
+    Magnet,
+    Material,
+    Reactor,
+    Record,
+    Solver,
+    dumps,
+    parse,
+)
 from tbsa.model.simulation import Simulation
 from tbsa.work.bench import Trial, bench, describe, recommend
 from tbsa.work.bench import _layout as start_of
@@ -191,3 +201,30 @@ def test_results_of_other_versions_are_kept(tmp_path, monkeypatch):
     accuracy.save("accuracy", rows[1:])
     path = accuracy.save("accuracy", rows)
     assert json.loads(path.read_text()) == {"0.0.1": rows[:1], "0.0.2": rows}
+
+
+def paper_like():
+    """A seed and some tiles about it, shaken."""
+    placed = [tile(kind="black", held=True),
+              *(tile(1.2 * i * WIDTH, 1.2 * j * WIDTH, 0.3, kind=("black", "white")[(i + j) % 2])
+                for i in range(-2, 3) for j in range(-2, 3) if i or j)]
+    return scene(placed, types=CHESSBOARD, magnet=Magnet(), floor=Floor(), body=Material(),
+                 drive=Drive("shaking", 0.06, 0.0, 0.33), reactor=Reactor("circle", 0.15),
+                 step=1 / 60, substeps=4, tolerance=1e-2, passes=40)
+
+
+def test_the_tables_of_chaotic_scenes_have_a_line_for_each_step(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(accuracy, "RESULTS", tmp_path)
+    monkeypatch.setattr(accuracy, "paper_scenes", lambda: {"small": paper_like()})
+    for arguments in (["--paper", "0.2"], ["--statistics", "0.2", "--seeds", "2"]):
+        assert accuracy.main(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    invariants, sizes = (json.loads((tmp_path / f"{name}.json").read_text())[accuracy.tbsa
+                         .__version__] for name in ("paper", "statistics"))
+    for rows in (invariants, sizes):
+        assert [round(1 / row["step"]) for row in rows] == [60, 120, 240]
+    for n in (60, 120, 240):
+        assert sum(line.startswith("small") and f"1/{n}" in line for line in lines) >= 2
+    # A horizon so short that a run at 1/32 of the step has hardly another fate.
+    assert all(0.0 < row["horizon"][0] < 0.1 for row in invariants)
+    assert all(len(row["sizes"]) == 2 for row in sizes)

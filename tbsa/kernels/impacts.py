@@ -131,6 +131,35 @@ def safe(gap: float, rate: float, curve: float) -> float:
 
 
 @inline
+def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: float, spin: float,
+                c: float, s: float, nx: float, ny: float, side: float) -> Any:
+    """How long no corner of a square surely reaches the face that keeps it apart (s), and how near
+    the nearest of them is now (m); corners that rest there are not waited for.
+
+    From a to b the way is d, the relative velocity u, and the normal n; `side` is 1 where the face
+    is a's and -1 where it is b's.  The face turns with `face`, the other square, now at c, s, with
+    `spin` (rad/s).
+    """
+    half = 0.5 * k.width
+    radius = math.sqrt(2.0) * half
+    speed = math.sqrt(ux * ux + uy * uy)
+    far = math.sqrt(dx * dx + dy * dy) + speed * k.h + radius
+    curve = (face * face * far + 2.0 * abs(face) * (speed + radius * abs(spin))
+             + spin * spin * radius)
+    near, slow = TOUCHING * k.width, k.threshold + k.tolerance
+    step, nearest = math.inf, math.inf
+    for q in range(4):  # from the face's centre, in axes that turn with it
+        rx, ry = corner_arm(q, half, c, s)
+        px, py = side * dx + rx, side * dy + ry
+        qx, qy = side * ux - spin * ry + face * py, side * uy + spin * rx - face * px
+        gap, vn = side * (nx * px + ny * py) - half, side * (nx * qx + ny * qy)
+        nearest = min(nearest, gap)
+        if gap > near or abs(vn) > slow:
+            step = min(step, safe(gap, vn, curve))
+    return step, nearest
+
+
+@inline
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray) -> Any:
     """When and where the bodies of a row that hits meet, both flying on.
@@ -148,8 +177,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
     vx, vy, w, half = v.vx, v.vy, v.w, 0.5 * k.width
     wall, corner = b == U(k.n), int(r[i + ID1])
     ux, uy = vx[b] - vx[a], vy[b] - vy[a]
-    speed, radius = math.sqrt(ux * ux + uy * uy), math.sqrt(2.0) * half
-    fastest = speed + radius * (abs(w[a]) + abs(w[b]))
+    radius = math.sqrt(2.0) * half
+    fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
     time, an, bn, at, bt = 0.0, 0.0, 0.0, 0.0, 0.0
     for _ in range(SEARCH):
@@ -189,23 +218,9 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
                 _, nx, ny, _, _, an, bn, _, _, _, _, at, bt, _, _ = square_square(
                     dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap + other))
             return ALONE, (time, nx, ny, an, bn, at, bt)
-        # The corners of the other square, from the centre of the face's, whose normal turns.
-        side = 1.0 if of_a else -1.0
-        face, spin = (w[a], w[b]) if of_a else (w[b], w[a])
-        c, s = (cb, sb) if of_a else (ca, sa)
-        far = math.sqrt(dx * dx + dy * dy) + speed * k.h + radius
-        curve = (face * face * far + 2.0 * abs(face) * (speed + radius * abs(spin))
-                 + spin * spin * radius)
-        step, nearest = math.inf, math.inf
-        for q in range(4):
-            rx, ry = corner_arm(q, half, c, s)
-            px, py = side * dx + rx, side * dy + ry
-            gap = side * (nx * px + ny * py) - half
-            vn = side * (nx * (side * ux - spin * ry + face * py)
-                         + ny * (side * uy + spin * rx - face * px))
-            nearest = min(nearest, gap)
-            if gap > near or abs(vn) > slow:  # what rests there does not come
-                step = min(step, safe(gap, vn, curve))
+        step, nearest = until_touch(
+            k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
+            cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0)
         if nearest <= least:  # what leaves, or passes by a corner, is looked at again soon
             step = max(step, BLUNT * k.width / fastest if count == 0.0 else SAME * k.h)
         time += step

@@ -234,7 +234,7 @@ def paper_table(seconds: float) -> int:
                 "looked": time.perf_counter() - start,
             }
             rows.append(row)
-            lines.append([name, f"1/{1 / row['substep']:.0f}", f"{100 * row['overlap']:.2g}",
+            lines.append([name, f"1/{1 / row['step']:.0f}", f"{100 * row['overlap']:.2g}",
                           f"{100 * row['beyond half a per cent']:.2g}",
                           f"{100 * row['beyond 2 per cent']:.2g}", f"{100 * row['outside']:.2g}",
                           f"{row['cone']:.1e}", f"{row['gap']:.1e}", f"{row['energy']:.1e}",
