@@ -99,6 +99,7 @@ class Scratch(NamedTuple):
     most: np.ndarray  # J, energy that an island may have
     energy: np.ndarray
     mixed: np.ndarray
+    since: np.ndarray  # s, from when in the substep a tile has gone as it goes now
     kept: np.ndarray  # float64[40], of a block whose row is placed again
     size: np.ndarray  # int64[2], rows and tiles that take part
 
@@ -160,7 +161,7 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
 
 
 @inline
-def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndarray,
+def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray) -> Any:
     """When and where the bodies of a row that hits meet, both flying on.
 
@@ -180,7 +181,9 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
     radius = math.sqrt(2.0) * half
     fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
-    time, an, bn, at, bt = 0.0, 0.0, 0.0, 0.0, 0.0
+    an, bn, at, bt = 0.0, 0.0, 0.0, 0.0
+    # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
+    time, stopped = max(z.since[a], z.since[b]), -1e-9 * fastest
     for _ in range(SEARCH):
         ca, sa = cos_sin(angle[a] + time * w[a])
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
@@ -191,7 +194,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
             gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
             an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
             vn = -nx * vx[a] - ny * vy[a] - an * w[a]
-            if gap <= least and vn < 0.0:
+            if gap <= least and vn < stopped:
                 return ALONE, (time, nx, ny, an, bn, at, bt)
             round_wall = k.wall == CIRCLE
             bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
@@ -207,7 +210,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, x: np.ndar
             dx, dy, ca, sa, cb, sb, k.width, k.width)
         along = nx * ux + ny * uy
         vn0, vn1 = along + bn0 * w[b] - an0 * w[a], along + bn1 * w[b] - an1 * w[a]
-        first, second = gap0 <= least and vn0 < 0.0, gap1 <= least and vn1 < 0.0
+        first, second = gap0 <= least and vn0 < stopped, gap1 <= least and vn1 < stopped
         if count != 0.0 and (first or second):
             an, bn = (an1, bn1) if second else (an0, bn0)
             gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
@@ -283,6 +286,7 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
         if body_index == U(k.n) or v.mobile[body_index] == 0.0:
             continue
         c[body_index], s[body_index] = cos_sin(angle[body_index])
+        z.since[body_index] = time
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
     row = 8 * block + int(lane)
@@ -470,6 +474,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     an impact reaches are looked at; they are left as they were.
     """
     r, body, hits, mobile, points = rows.field, rows.body, rows.hits, v.mobile, 0
+    set_all(z.since, 0.0)
     for turn in range(ROUNDS):
         size, more = ZERO, ZERO
         for block in range(rows.first[COLOURS]):
@@ -479,7 +484,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             for i in range(LANES):
                 if r[o + HIT + i] == 0.0:
                     continue
-                how, meet = meeting(rows, block, i, k, v, x, y, angle)
+                how, meet = meeting(rows, block, i, k, v, z, x, y, angle)
                 if how == LATER:
                     fly_on(r, o + i, k.h)
                     continue
