@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.geometry import arc, bends, corner_arm, cos_sin, square_square, wall_gap
+from tbsa.kernels.geometry import arc, bends, corner_arm, square_square, wall_gap
 from tbsa.kernels.jit import U, inline, lane
 from tbsa.kernels.rows import (
     AN0,
@@ -69,6 +69,9 @@ from tbsa.kernels.rows import (
 # A point is part of a manifold if it is nearer than it can close at its speed within the
 # substep, and this fraction of the width: forces and impacts may speed it up.
 SPARE = 0.02
+# Tiles that turn further than this in a substep together (rad) may meet with other corners than
+# the nearest now: that is asked for (`meeting` in impacts.py), as for corners that pass each other.
+SWEPT = 0.1
 # The solve leaves a point with this velocity alone (m/s): there is none.
 NEVER = 1e30
 
@@ -127,7 +130,8 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
             h * (nx * vx_ab + ny * vy_ab), h * (nx * vy_ab - ny * vx_ab), h * (wa if of_a else wb),
             h * (wb - wa if of_a else wa - wb))
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h2 * bend0, per_h2 * bend1
-        r[o + HIT + i] = 1.0 if (miss > 0.0) & (miss < way) else 0.0
+        swept = (count > 0.5) & (min(gap0, gap1) < way) & (h * (abs(wa) + abs(wb)) > SWEPT)
+        r[o + HIT + i] = 1.0 if swept | ((miss > 0.0) & (miss < way)) else 0.0
         count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
         id1 = -1.0 if count < 1.5 else id1
         was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
@@ -149,57 +153,6 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
 
 
 @inline
-def passing(rows: Rows, block: int) -> int:
-    """Rows of a block whose tiles pass each other, but may meet within the substep."""
-    r = rows.field
-    o = U(block) * BLOCK
-    some = 0
-    for i in range(LANES):  # a loop of its own, or that of `place_pairs` would not vectorise
-        some += 1 if r[o + HIT + i] != 0.0 else 0
-    return some
-
-
-@inline
-def foresee(rows: Rows, block: int, width: float, h: float) -> None:
-    """Corners that now pass each other, at the sides of a face, but will meet within h.
-
-    Where both tiles are in h/4, h/2, ... tells; the row gets the first manifold that overlaps,
-    its arms led back to the tiles' present centres and its gaps to the present time.
-    """
-    r = rows.field
-    o = U(block) * BLOCK
-    for i in range(LANES):
-        k = o + i
-        if r[k + HIT] == 0.0:
-            continue
-        for quarter in range(1, 5):
-            t = 0.25 * quarter * h
-            ux, uy, wa, wb = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY], r[k + AW], r[k + BW]
-            ca, sa = cos_sin(t * wa)
-            cb, sb = cos_sin(t * wb)
-            count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, _, _ = square_square(
-                r[k + I00] + t * ux, r[k + I11] + t * uy,
-                ca * r[k + K00] - sa * r[k + K01], sa * r[k + K00] + ca * r[k + K01],
-                cb * r[k + K11] - sb * r[k + KTT], sb * r[k + K11] + cb * r[k + KTT],
-                width, SPARE * width)
-            if count == 0.0 or min(gap0, gap1) > 0.0:
-                continue
-            ax, ay, bx, by = t * r[k + AX], t * r[k + AY], t * r[k + BX], t * r[k + BY]
-            across_a, across_b = ax * ny - ay * nx, bx * ny - by * nx
-            an0, an1, bn0, bn1 = an0 + across_a, an1 + across_a, bn0 + across_b, bn1 + across_b
-            along = nx * ux + ny * uy
-            r[k + COUNT], r[k + NX], r[k + NY] = count, nx, ny
-            r[k + ID0], r[k + GAP0] = id0, gap0 - t * (along + bn0 * wb - an0 * wa)
-            r[k + ID1], r[k + GAP1] = id1 if count == 2.0 else -1.0, gap1 - t * (
-                along + bn1 * wb - an1 * wa)
-            r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1] = an0, bn0, an1, bn1
-            r[k + AT], r[k + BT] = at + ax * nx + ay * ny, bt + bx * nx + by * ny
-            r[k + BEND0] = r[k + BEND1] = 0.0  # the manifold is that of the way's end
-            rows.single[block] += 1 if count == 1.0 else 0
-            break
-
-
-@inline
 def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarray,
                 s: np.ndarray, v: Bodies) -> None:
     """Where the corners of a block touch the wall."""
@@ -208,6 +161,7 @@ def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
     rows.single[block] = 8
     for i in range(LANES):
         a = U(body[t + i])
+        r[o + HIT + i] = 0.0
         if a == U(k.n):
             continue
         q = int(r[o + ID1 + i])
@@ -216,6 +170,8 @@ def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
         margin = SPARE * k.width + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
                                         + 0.7072 * k.width * abs(w[a]))
         count = 1.0 if gap <= margin else 0.0
+        swept = (gap < margin - SPARE * k.width) & (h * abs(w[a]) > SWEPT)
+        r[o + HIT + i] = 1.0 if swept else 0.0
         r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
         r[o + GAP0 + i], r[o + GAP1 + i] = gap, gap
         r[o + AN0 + i], r[o + BN0 + i] = rx * ny - ry * nx, 0.0
@@ -241,8 +197,6 @@ def place_block(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
         return
     look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
     place_pairs(rows, block, k.width, k.h)
-    if passing(rows, block) > 0:
-        foresee(rows, block, k.width, k.h)
 
 
 @inline
@@ -291,8 +245,11 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
                 & (r[o + WARM0 + i] == 0.0))
         hit1 = (two & (vn1 < -threshold) & (gap1 + h * (vn1 + bend1) < 0.0)
                 & (r[o + WARM1 + i] == 0.0))
-        r[o + HIT + i] = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
-        some += (1 if hit0 else 0) + (1 if hit1 else 0)
+        perhaps = ((r[o + HIT + i] != 0.0) & (r[o + WARM0 + i] == 0.0)
+                   & (r[o + WARM1 + i] == 0.0))
+        hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
+        r[o + HIT + i] = -1.0 if perhaps & (hit == 0.0) else hit
+        some += 1 if perhaps | hit0 | hit1 else 0
     rows.hits[block] = some
     queued, first = rows.queued, U(block) * LANES
     for i in range(LANES):
@@ -331,9 +288,6 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
                 look(rows, block, x, y, c, s, vx, vy, w)
             for block in range(start, end):
                 place_pairs(rows, block, k.width, k.h)
-            for block in range(start, end):
-                if passing(rows, block) > 0:
-                    foresee(rows, block, k.width, k.h)
         else:
             for block in range(start, end):
                 place_block(rows, block, k, x, y, c, s, v)

@@ -8,9 +8,10 @@ normal impulse of compression, with friction of its own bound mu times its own i
 pair of problems may gain energy where friction couples points; the decompression of an island
 is then shortened until its kinetic energy does not rise.
 
-What would hit if it went on at its present rates, but does not on its arc, is let go.  What hits
-one after the other in a substep does so in rounds, in the order of time; what does not hit before
-its end is left to go on (`fly_on`), and hits in the next one.
+What would hit if it went on at its present rates, but does not on its arc, is let go; and what
+turns fast may hit with other corners than its row tells of.  What hits one after the other in a
+substep does so in rounds, in the order of time; what does not hit before its end is left to go on
+(`fly_on`), and hits in the next one.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import SPARE, place_block, weigh_block
+from tbsa.kernels.contacts import SPARE, SWEPT, place_block, weigh_block
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline
 from tbsa.kernels.routh import routh
@@ -154,8 +155,10 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
         px, py = side * dx + rx, side * dy + ry
         qx, qy = side * ux - spin * ry + face * py, side * uy + spin * rx - face * px
         gap, vn = side * (nx * px + ny * py) - half, side * (nx * qx + ny * qy)
+        bend = side * (nx * (face * face * px - spin * spin * rx + 2.0 * face * qy)
+                       + ny * (face * face * py - spin * spin * ry - 2.0 * face * qx))
         nearest = min(nearest, gap)
-        if gap > near or abs(vn) > slow:
+        if gap > near or abs(vn) > slow or k.h * bend < -slow:
             step = min(step, safe(gap, vn, curve))
     return step, nearest
 
@@ -169,8 +172,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     go along their arcs, and another face may come between.  Time goes on by as much as no corner
     surely needs to reach the face that keeps the bodies apart (conservative advancement, of
     second order), up to the meeting, or the end of the substep.  Returns ``(how, (time, n_x, n_y,
-    an, bn, at, bt))``, time in s from now; how: ALONE one point meets, TOGETHER two, or one and
-    another that rests there, LATER nothing in this substep.
+    an, bn, at, bt, of_a))``, time in s from now, and whether the face is one of a's; how: ALONE one
+    point meets, TOGETHER two, or one and another that rests there, LATER nothing in this substep.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
@@ -181,9 +184,11 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     radius = math.sqrt(2.0) * half
     fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
-    an, bn, at, bt = 0.0, 0.0, 0.0, 0.0
+    an, bn, at, bt, of_a = 0.0, 0.0, 0.0, 0.0, False
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
-    time, stopped = max(z.since[a], z.since[b]), -1e-9 * fastest
+    time, surmised = max(z.since[a], z.since[b]), r[i + HIT] < 0.0
+    stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
+    soon = (2.0 / SEARCH if surmised else SAME) * k.h
     for _ in range(SEARCH):
         ca, sa = cos_sin(angle[a] + time * w[a])
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
@@ -195,12 +200,12 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
             vn = -nx * vx[a] - ny * vy[a] - an * w[a]
             if gap <= least and vn < stopped:
-                return ALONE, (time, nx, ny, an, bn, at, bt)
+                return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
             round_wall = k.wall == CIRCLE
             bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
             step = safe(gap, vn, w[a] * w[a] * radius + bend)
             step = min(step, 0.25 * k.wall_x / fastest) if round_wall else step
-            time += max(step, SAME * k.h) if gap <= least else step
+            time += max(step, soon) if gap <= least else step
             if time > k.h:
                 break
             continue
@@ -216,20 +221,20 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
             if count == 2.0 and (abs(other - gap) < FLUSH * k.width
                                  or (other < near and abs(vn) <= slow)):
-                return TOGETHER, (time, nx, ny, an, bn, at, bt)
+                return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
             if gap <= other:  # the nearer of them alone
                 _, nx, ny, _, _, an, bn, _, _, _, _, at, bt, _, _ = square_square(
                     dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap + other))
-            return ALONE, (time, nx, ny, an, bn, at, bt)
+            return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
         step, nearest = until_touch(
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
             cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0)
         if nearest <= least:  # what leaves, or passes by a corner, is looked at again soon
-            step = max(step, BLUNT * k.width / fastest if count == 0.0 else SAME * k.h)
+            step = max(step, BLUNT * k.width / fastest if count == 0.0 else soon)
         time += step
         if time > k.h:
             break
-    return LATER, (time, nx, ny, an, bn, at, bt)
+    return LATER, (time, nx, ny, an, bn, at, bt, of_a)
 
 
 @inline
@@ -237,13 +242,25 @@ def fly_on(r: np.ndarray, i: int, h: float) -> None:
     """The row in lane i, that would hit if its tiles went straight, does not within h, as they
     turn: nothing is to slow it down before it does."""
     hit = r[i + HIT]
-    if hit != 2.0:
+    if hit == 1.0 or hit == 3.0:
         r[i + WANT0] = max(r[i + WANT0], -r[i + VN0])
         r[i + BEND0] = max(r[i + BEND0], -(r[i + GAP0] / h + r[i + VN0]) / h)
     if hit >= 2.0:
         r[i + WANT1] = max(r[i + WANT1], -r[i + VN1])
         r[i + BEND1] = max(r[i + BEND1], -(r[i + GAP1] / h + r[i + VN1]) / h)
     r[i + HIT] = 0.0
+
+
+@inline
+def closing(wa: float, wb: float, vt: float, at: float, bt: float, of_a: bool,
+            radius: float) -> float:
+    """How a gap's rate of closing grows while both bodies fly on (m/s^2), of a point that slides
+    by vt along the face, at `at` and `bt` out of it from the centres.
+
+    A corner turns away from a face that does not turn; one that does comes after it.  `radius` is
+    that of a wall about both, else infinite.
+    """
+    return wb * wb * bt - wa * wa * at - 2.0 * vt * (wa if of_a else wb) + vt * vt / radius
 
 
 @inline
@@ -255,11 +272,15 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
     the velocities that they then have: what they do after the impact is exact, and no momentum
     is lost; what else they then hit is marked.
+
+    Tiles that spin may bounce too little to stay apart for the rest of the substep: ever smaller
+    bounces end in a contact that lasts along the curve of a corner.  Such a point leaves as fast,
+    though no faster than it came, as brings it back at the end, or it would sink in.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
     a, b = U(body[t]), U(body[t + LANES])
-    time, nx, ny, an, bn, at, bt = meet
+    time, nx, ny, an, bn, at, bt, of_a = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
     ma, mb = v.mobile[a], v.mobile[b]
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
@@ -267,7 +288,13 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     knt = ii * (ma * an * at + mb * bn * bt)
     vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
     vt = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a]) + bt * w[b] - at * w[a]
-    pn, pt = routh(vn, vt, knn, ktt, knt, r[i + MU], r[i + E])
+    e, mu, round_wall = r[i + E], r[i + MU], b == U(k.n) and k.wall == CIRCLE
+    pn, pt = routh(vn, vt, knn, ktt, knt, mu, e)
+    back = 0.5 * (k.h - time) * closing(
+        w[a] - ma * ii * (an * pn + at * pt), w[b] + mb * ii * (bn * pn + bt * pt),
+        vt + knt * pn + ktt * pt, at, bt, of_a, k.wall_x if round_wall else math.inf)
+    if back > max(k.threshold + k.tolerance, -e * vn) and k.h * (abs(w[a]) + abs(w[b])) > SWEPT:
+        pn, pt = routh(vn, vt, knn, ktt, knt, mu, max(e, min(1.0, back / -vn)))
     px, py = nx * pn - ny * pt, ny * pn + nx * pt
     turn_a, turn_b = -ma * ii * (an * pn + at * pt), mb * ii * (bn * pn + bt * pt)
     vx[a] -= ma * im * px
@@ -488,16 +515,19 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                 if how == LATER:
                     fly_on(r, o + i, k.h)
                     continue
-                row, time = 8 * block + int(i), min(hit_times(r, o + i))
+                row, surmised = 8 * block + int(i), r[o + HIT + i] < 0.0
+                time = meet[0] if surmised else min(hit_times(r, o + i))
                 for tile in (body[t + i], body[t + LANES + i]):
                     if mobile[tile] != 0.0:
                         how = max(how, company(rows, tile, row, time, k))
-                if how == ALONE:
+                if how == ALONE or (how == TOGETHER and surmised):
                     lone_impact(rows, block, i, k, v, z, x, y, angle, c, s, meet)
                     more += 1
                     points += 1
                 elif how == LATER and turn < ROUNDS - 1:
                     more += 1
+                elif surmised:
+                    fly_on(r, o + i, k.h)
                 else:
                     rows.now[size] = row
                     size += 1

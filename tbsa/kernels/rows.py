@@ -49,7 +49,7 @@ FIELDS = (
     "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
     "i00", "i11", "itt", "idet",   # kg, kg^2
     "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching
-    "hit",                         # 1, 2: the point that hits in this substep; 3: both
+    "hit",                         # 1, 2: the point that hits in this substep; 3: both; -1: perhaps
     "mu", "e",                     # friction, restitution
     "ax", "ay", "aw",              # scratch: of body a, and b (velocities)
     "bx", "by", "bw",
@@ -83,7 +83,7 @@ class Rows(NamedTuple):
     body: np.ndarray  # int64[blocks * BODIES]
     first: np.ndarray  # int64[COLOURS + 1], first block of every colour
     single: np.ndarray  # int64, one a block: rows of a single point in it
-    hits: np.ndarray  # int64, one a block: points that hit; then rows that changed, or are deep
+    hits: np.ndarray  # int64, one a block: rows that hit; then rows that changed, or are deep
     active: np.ndarray  # int64, one a block: scratch
     queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass, or never
     # to be, as it is not in contact ...
