@@ -130,7 +130,8 @@ class Simulation:
                            layout.vy * free, layout.omega * free)
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
-                                np.array([scene.solver.passes, core.TICKS]),  # not known calm
+                                # Not known calm; a short first substep, which nothing foresaw.
+                                np.array([scene.solver.passes, 1]),
                                 empty_impulses(self._capacity[core.MORE_ROWS]))
         types = scene.types
         self.tiles = core.Tiles(
