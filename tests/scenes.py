@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from tbsa.kernels import rows as fields
-from tbsa.kernels.advance import TICKS
 from tbsa.model.scene import (
     SETS,
     Free,
@@ -70,15 +69,6 @@ def simulate(tiles, **parts):
     return Simulation(scene(tiles, **parts))
 
 
-def under_way(simulation):
-    """The simulation, its next substep as long as if the one before had looked ahead for it.
-
-    A run begins with an eighth of a substep, as nothing has yet.
-    """
-    simulation.state.last[1] = TICKS
-    return simulation
-
-
 def state(simulation):
     """All positions and velocities, shape (6, n), copied."""
     s = simulation
@@ -113,7 +103,7 @@ def corners(simulation):
 def contact_rows(simulation):
     """What the kernels see of the contacts of tiles at rest: {column: array}."""
     assert not state(simulation)[3:].any()
-    under_way(simulation).advance(1)
+    simulation.advance(1)
     return moving_rows(simulation)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import INERTIA, MASS, WIDTH, material, momentum, simulate, state, tile, under_way
+from scenes import INERTIA, MASS, WIDTH, material, momentum, simulate, state, tile
 from twins import separations
 
 from tbsa.model.scene import Drive, Material, Reactor
@@ -30,11 +30,6 @@ def placed(centre, angle, v, spin, **kind):
     """A tile that is at `centre`, `angle` in the middle of the first substep."""
     start = centre - 0.5 * H * v
     return tile(start.real, start.imag, angle - 0.5 * H * spin, v.real, v.imag, spin, **kind)
-
-
-def meeting(tiles, **parts):
-    """A simulation of tiles that are `placed`."""
-    return under_way(simulate(tiles, **parts))
 
 
 def dot(u, v):
@@ -115,7 +110,7 @@ def strike(kind, rng, mu, e, flattest, steepest):
         tiles.append(placed(centre, angle, v, spin))
         result = predict(struck, (centre, v, spin, MASS), point, 1j, mu, e)
         expected.append((abs(v) + abs(spin) * WIDTH, *result))
-    s = meeting(tiles, body=material(friction=mu, restitution=e), checked=False)
+    s = simulate(tiles, body=material(friction=mu, restitution=e), checked=False)
     energy = s.kinetic_energy()
     s.advance(1)
     assert s.counts.impacts[0] == len(expected)
@@ -159,7 +154,7 @@ def test_a_corner_on_a_wall_follows_rouths_process_in_every_mode(shape):
             if velocity_at(v, spin, arm).imag > -0.02:
                 continue
             centre = point + 1j * TOUCH - arm
-            s = meeting([placed(centre, angle, v, spin)], reactor=reactor, checked=False,
+            s = simulate([placed(centre, angle, v, spin)], reactor=reactor, checked=False,
                          body=material(friction=0.7, restitution=0.5))
             energy = s.kinetic_energy()
             s.advance(1)
@@ -194,7 +189,7 @@ def test_a_rocking_square_keeps_a_quarter_of_its_spin_at_each_impact(ground, mu,
     pivot = complex(side * 0.5 * WIDTH, (0.0 if held else -0.5) + 1e-12)
     arm = cmath.rect(DIAGONAL, (0.75 if side > 0 else 0.25) * math.pi - tilt)
     centre = pivot + arm
-    s = meeting([*held, placed(centre, -tilt, 1j * spin * arm, spin)], reactor=reactor,
+    s = simulate([*held, placed(centre, -tilt, 1j * spin * arm, spin)], reactor=reactor,
                  body=material(friction=mu, restitution=0.0), checked=False)
     s.advance(1)
     i = len(held)
@@ -210,7 +205,7 @@ def test_a_rocking_square_keeps_a_quarter_of_its_spin_at_each_impact(ground, mu,
 @pytest.mark.parametrize("mu", [0.0, 0.25, 1.0])
 def test_a_flat_hit_gives_no_spin(mu, e):
     """Both ends of the edge hit at once with equal impulses."""
-    s = meeting([tile(held=True), placed(complex(0, WIDTH + TOUCH), 0.0, -0.3j, 0.0)],
+    s = simulate([tile(held=True), placed(complex(0, WIDTH + TOUCH), 0.0, -0.3j, 0.0)],
                  body=material(friction=mu, restitution=e))
     s.advance(1)
     assert s.counts.impacts[0] == 2
@@ -224,7 +219,7 @@ def test_a_flat_hit_gives_no_spin(mu, e):
 def test_two_tiles_that_hit_one_from_both_sides_leave_it_at_rest(mu, e):
     """v -> -e v for both, by symmetry, whatever the order in which contacts are solved."""
     far = complex(WIDTH + TOUCH, 0.0)
-    s = meeting([placed(far, 0.0, -0.3 + 0j, 0.0), tile(),
+    s = simulate([placed(far, 0.0, -0.3 + 0j, 0.0), tile(),
                   placed(-far, 0.0, 0.3 + 0j, 0.0)], body=material(friction=mu, restitution=e))
     s.advance(1)
     assert s.counts.impacts[0] == 4
@@ -240,7 +235,7 @@ def test_a_row_that_is_hit_at_its_end_shares_the_momentum_among_all(e):
     So v_i' = (1 + e) v/6 - e v_i: for e = 1 with no loss of energy.
     """
     row = [tile(i * WIDTH, 0.0) for i in range(5)]
-    s = meeting([*row, placed(complex(-WIDTH - TOUCH, 0.0), 0.0, 0.3 + 0j, 0.0)],
+    s = simulate([*row, placed(complex(-WIDTH - TOUCH, 0.0), 0.0, 0.3 + 0j, 0.0)],
                  body=material(friction=0.25, restitution=e))
     s.advance(1)
     before = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.3])
@@ -251,7 +246,7 @@ def test_a_row_that_is_hit_at_its_end_shares_the_momentum_among_all(e):
 def test_an_impact_slower_than_the_threshold_is_plastic():
     """At 1 cm/s restitution ends: faster comes back as e v, slower not at all."""
     for speed, expected in ((0.0101, 0.5 * 0.0101), (0.0099, 0.0)):
-        s = meeting([tile(held=True), placed(complex(0, WIDTH + TOUCH), 0.0, -1j * speed, 0.0)],
+        s = simulate([tile(held=True), placed(complex(0, WIDTH + TOUCH), 0.0, -1j * speed, 0.0)],
                      body=material(restitution=0.5, restitution_threshold=0.01))
         s.advance(1)
         assert s.vy[1] == pytest.approx(expected, abs=1e-6)
@@ -315,7 +310,7 @@ def test_a_tile_that_is_thrown_in_an_impact_does_not_turn_into_its_neighbour(spe
     turn, low = 0.022, -0.4 * WIDTH
     lean = 0.5 * WIDTH * (1.0 + math.cos(turn) + math.sin(turn))
     corner = complex(lean + 0.5 * WIDTH + 0.4 * WIDTH * turn, low)
-    s = meeting([tile(held=True), placed(complex(lean, 0.0), turn, 0j, 0.0),
+    s = simulate([tile(held=True), placed(complex(lean, 0.0), turn, 0j, 0.0),
                   placed(corner + DIAGONAL + 0.1 * WIDTH, math.pi / 4, -speed + 0j, 0.0)],
                  body=material(friction=0.25, restitution=0.2), step=1 / 480, substeps=4,
                  tolerance=1e-3, passes=40)
@@ -352,7 +347,7 @@ def test_a_slow_bounce_is_not_lost_to_a_fast_one_elsewhere(fast):
         centre = complex(x + 0.5 * WIDTH + DIAGONAL + TOUCH, 0.002)
         return [tile(x, held=True), placed(centre, 0.25 * math.pi, complex(-speed, 0.0), 0.0)]
 
-    s = meeting(pair(0.0, fast) + pair(1.0, 2e-4), body=material(friction=0.0, restitution=1.0))
+    s = simulate(pair(0.0, fast) + pair(1.0, 2e-4), body=material(friction=0.0, restitution=1.0))
     s.advance(1)
     assert s.vx[3] == pytest.approx(2e-4, rel=1e-6)
     assert s.vx[1] == pytest.approx(fast, rel=1e-6)

@@ -28,7 +28,6 @@ from scenes import (
     state,
     tile,
     turned,
-    under_way,
 )
 
 from tbsa.kernels import advance as core
@@ -397,7 +396,6 @@ def test_bonded_tiles_that_turn_as_one_stay_together_and_keep_their_spin():
                   tile(0.5 * WIDTH, 0, vy=0.5 * WIDTH * spin, spin=spin, kind="white")],
                  types=CHESSBOARD, magnet=Magnet(), body=material(restitution_threshold=0.05))
     (before, _), energy = momentum(s), s.kinetic_energy()
-    under_way(s)
     for _ in range(480):
         s.advance(1)
         x, y = s.x - s.vx / 960, s.y - s.vy / 960
