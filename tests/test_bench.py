@@ -28,6 +28,7 @@ from tbsa.work.bench import _layout as start_of
 from tbsa.work.bench import _run as trial_run
 from tbsa.work.cli import main
 from tests.benchmarks import accuracy, peers
+from tests.benchmarks.scenes import references
 
 SETTING = Solver()
 
@@ -190,6 +191,31 @@ def test_engines_are_compared_at_equal_error_and_at_equal_time():
     assert peers.compare(ours, theirs) == pytest.approx((2.0, 7.5, 10.0))
     assert peers.compare(ours, [(0.5, 1e-6)]) == (0.0, 0.0, 0.0)
     assert peers.compare([(1.0, 0.0)], [(5.0, 1e-17)]) == (5.0, 5.0, 1.0)
+
+
+def test_a_row_keeps_its_best_time(monkeypatch):
+    """Of every round of ours and of theirs, at the settings that the row was taken with."""
+    asked = []
+
+    def clock(scene, seconds, *, least):
+        solver = scene.solver
+        asked.append((solver.step, solver.substeps, solver.tolerance, solver.passes))
+        return 2.0, 5.0
+
+    def engine_clock(make, scene, seconds, *, least):
+        asked.append((make, scene.solver.step, scene.solver.substeps))
+        return 1.0, 9.0
+
+    monkeypatch.setattr(peers, "clock", clock)
+    monkeypatch.setattr(peers, "engine_clock", engine_clock)
+    monkeypatch.setattr(peers, "settings", lambda: [("box2d, quick", "maker")])
+    slide = next(each for each in references() if each.name == "slide")
+    rows = [{"engine": "tbsa", "step": 1 / 60, "substeps": 2, "tolerance": 1e-3, "passes": 7,
+             "alone": 3.0, "seconds": 4.0},
+            {"engine": "box2d, quick", "step": 1 / 30, "alone": 0.5, "seconds": 10.0}]
+    peers.clock_again(slide, rows)
+    assert asked == [(1 / 60, 2, 1e-3, 7), ("maker", 1 / 30, 1)]
+    assert [(row["alone"], row["seconds"]) for row in rows] == [(2.0, 4.0), (0.5, 9.0)]
 
 
 def test_results_of_other_versions_are_kept(tmp_path, monkeypatch):

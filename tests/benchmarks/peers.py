@@ -8,15 +8,16 @@
 Box2D 2.3.10 (PyPI ``box2d``) and Pymunk 7.3, each over steps and its own iterations.  Their run
 time is taken as engine alone (inside its step) and with the Python that a user has to write:
 magnets, drive, damping.  Ours alone is the compiled function that does all steps, called once, less
-what a call for no step takes; our steps begin at 1/10 s.
+what a call for no step takes; our steps begin at 1/10 s.  A machine's clock can change by half
+between the sweeps of ours and of theirs: both are timed again, in turn, and the best time counts.
 
 Floor friction is what their manuals offer: friction joints; pivot and gear joints with a bounded
 force.  Settings that help them are chosen: Box2D's skin is taken off the tiles, at two scales of
 length; Pymunk's slop is 1e-4 of a width.
 
 Prints, for every scene, our speed at their error and their error at our run time over ours; unless
-scenes are named, writes
-``tests/benchmarks/results/peers.json``; ``python -m figures pareto`` draws it.
+scenes are named, writes ``tests/benchmarks/results/peers.json``, which ``python -m figures pareto``
+draws.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -38,7 +38,7 @@ from tbsa.model.layout import initial_layout
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import Simulation, floor_limits
 from tbsa.work.report import aligned
-from tests.benchmarks.accuracy import RESULTS, Row, save, sweep
+from tests.benchmarks.accuracy import RESULTS, Row, clock, save, sweep
 from tests.benchmarks.invariants import drive_loads, glues_of
 from tests.benchmarks.ramp import ramp
 from tests.benchmarks.scenes import Reference, at_step, references
@@ -46,6 +46,7 @@ from theory.magnets import Law, fade
 
 Floats = NDArray[np.float64]
 SEGMENTS = 720  # of a round wall, which these engines have not got
+ROUNDS = 2  # after the sweeps
 LEFT_OUT = {"coupled": "no friction that couples sliding and turning"}
 
 
@@ -328,11 +329,11 @@ def settings() -> list[Settings]:
     return found
 
 
-def engine_clock(make: Callable[[Scene], Peer], scene: Scene,
-                 seconds: float) -> tuple[float, float]:
+def engine_clock(make: Callable[[Scene], Peer], scene: Scene, seconds: float, *,
+                 least: float = 0.05) -> tuple[float, float]:
     """Wall time (s) inside the engine and in all, of the best of a few runs."""
     best, spent = (math.inf, math.inf), 0.0
-    while spent < 0.05:
+    while spent < least:
         s = make(scene)
         start = time.perf_counter()
         s.advance(round(seconds / s.h))
@@ -347,8 +348,7 @@ def peer_sweep(reference: Reference) -> list[Row]:
     rows = []
     for name, make in settings():
         for h in reference.steps:
-            scene = at_step(reference.scene, h)
-            scene = replace(scene, solver=replace(scene.solver, step=h, substeps=1))
+            scene = at_step(reference.scene, h, substeps=1)
             try:
                 errors = reference.measure(make, scene)
                 error = float(errors[reference.quantity])
@@ -359,6 +359,21 @@ def peer_sweep(reference: Reference) -> list[Row]:
                          "error": error if math.isfinite(error) else 1e9, "alone": alone,
                          "seconds": whole, "simulated": reference.duration})
     return rows
+
+
+def clock_again(reference: Reference, rows: Sequence[Row], *, least: float = 0.02) -> None:
+    """Take the run times of these rows once more and keep the better ones."""
+    make = dict(settings())
+    for row in rows:
+        if row["engine"] == "tbsa":
+            scene = at_step(reference.scene, row["step"], substeps=row["substeps"],
+                            tolerance=row["tolerance"], passes=row["passes"])
+            times = clock(scene, reference.duration, least=least)
+        else:
+            scene = at_step(reference.scene, row["step"], substeps=1)
+            times = engine_clock(make[row["engine"]], scene, reference.duration, least=least)
+        row["alone"] = min(row["alone"], times[0])
+        row["seconds"] = min(row["seconds"], times[1])
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -438,6 +453,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             theirs = [row for row in mine if row["engine"] != "tbsa"]
         else:
             ours, theirs = sweep(each), peer_sweep(each)
+            for _ in range(ROUNDS):
+                clock_again(each, ours)
+                clock_again(each, theirs)
         rows += [*ours, *theirs]
         lines += lines_of(each, ours, theirs)
         print("  ".join(lines[-2]), "|", "  ".join(lines[-1]), file=sys.stderr, flush=True)
