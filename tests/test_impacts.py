@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import INERTIA, MASS, WIDTH, material, momentum, simulate, state, tile
+from scenes import INERTIA, MASS, WIDTH, cloud, material, momentum, simulate, state, tile
 from twins import separations
 
 from tbsa.model.scene import Drive, Material, Reactor
@@ -285,6 +286,30 @@ def test_no_cluster_gains_energy_or_momentum_in_an_impact(seed, n, mu, e, tight)
         assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
         assert (np.abs(after - before) <= 1e-12 * scale).all()
     assert np.isfinite(state(s)).all()
+
+
+@pytest.mark.parametrize("seed", [230, 1190, 1358, 2957, 3363, 4978, 5993, *range(60)])
+def test_what_hits_several_times_in_a_substep_stays_outside(seed):
+    """Spinning tiles hit each other with one corner after the other, and several others: in the
+    order of time, each where it then is, also beside a corner that rests there or leaves.
+
+    Neither does one come inside another, nor is momentum lost or energy gained.  The first seeds
+    were 0.9 to 3.6 % of the width inside as long as a search for a meeting could end beside a
+    corner that leaves, what hit together did so where it is at the beginning of the substep, or
+    what came first was told by straight ways; of 6000 seeds the worst is now 0.71 %.
+    """
+    random = np.random.default_rng(seed)
+    tiles = [replace(each, spin=float(200 * random.normal()))
+             for each in cloud(int(random.integers(3, 9)), seed, 1.5)]
+    s = simulate(tiles, body=material(restitution=0.2), step=1 / 480, substeps=3, tolerance=1e-5,
+                 passes=200)
+    energy, (before, _) = s.kinetic_energy(), momentum(s)
+    s.advance(40)
+    after, scale = momentum(s)
+    assert s.counts.impacts[0] > 0
+    assert s.counts.deepest[0] < 0.008 * WIDTH
+    assert (np.abs(after - before) <= 1e-11 * scale).all()
+    assert s.kinetic_energy() <= energy * (1.0 + 1e-12)
 
 
 def test_impacts_scale_with_the_tile():

@@ -419,7 +419,7 @@ def test_substeps_are_joined_where_tiles_are_slow_and_do_not_overlap(gap, speed,
     Both tiles go, but as they go together that does not count."""
     s = simulate([tile(0, 0, vy=0.3), tile((1.0 + gap) * WIDTH, 0, vy=0.3 + speed, spin=spin)],
                  step=1 / 120, substeps=16, tolerance=1e-5, checked=False)
-    s.state.last[:] = 1, 64  # as if it had been solved before
+    s.state.last[:2] = 1, 64  # as if it had been solved before
     s.advance(1)
     assert s.counts.substeps[0] == number
     assert s.counts.joined[0] == 16 - number
@@ -428,7 +428,7 @@ def test_substeps_are_joined_where_tiles_are_slow_and_do_not_overlap(gap, speed,
 def test_substeps_are_joined_only_after_a_quick_solve():
     s = simulate([tile(0, 0), tile(1.0001 * WIDTH, 0)], step=1 / 120, substeps=16, passes=50)
     for passes, number in ((9, 16), (1, 2)):
-        s.state.last[:] = passes, 64
+        s.state.last[:2] = passes, 64
         s.counts.substeps[0] = 0
         s.advance(1)
         assert s.counts.substeps[0] == number
@@ -436,7 +436,7 @@ def test_substeps_are_joined_only_after_a_quick_solve():
 @pytest.mark.parametrize(("promised", "number"), [(64, 2), (16, 3), (8, 3)])
 def test_a_substep_is_no_longer_than_the_solve_before_it_foresaw(promised, number):
     s = simulate([tile(0, 0), tile(1.0001 * WIDTH, 0)], step=1 / 120, substeps=16)
-    s.state.last[:] = 1, promised
+    s.state.last[:2] = 1, promised
     s.advance(1)
     assert s.counts.substeps[0] == number
     assert s.state.last[1] == 64
@@ -463,6 +463,17 @@ def test_substeps_are_shorter_where_a_tile_that_may_touch_another_spins_fast(dis
                  step=1 / 480, substeps=1, checked=False)  # room in the middle of the substep
     s.advance(1)
     assert s.counts.substeps[0] == more
+
+
+@pytest.mark.parametrize(("hit", "number"), [(0, 2), (3, 1)])
+def test_a_substep_after_an_impact_is_as_long_as_was_foreseen(hit, number):
+    """What has been hit is where it is to be only at the end of that time; before, on its way back
+    through the impact, it may be inside another tile."""
+    s = simulate([tile(0, 0, -300 / 960, spin=300.0), tile(1.1 * WIDTH, 0)],
+                 step=1 / 480, substeps=1, checked=False)
+    s.state.last[:] = 1, 8, hit
+    s.advance(1)
+    assert s.counts.substeps[0] == number
 
 
 @pytest.mark.parametrize(("spins", "more"), [
@@ -516,8 +527,8 @@ def test_joined_substeps_do_not_depend_on_how_a_run_is_cut(substeps):
               body=Material(), step=1 / 120, substeps=substeps, tolerance=2e-2, passes=40),
         seed=Seed(cells), free=Free((("black", 20), ("white", 20))), run=Run(seed=7))
     whole, cut = Simulation(calm), Simulation(calm)
-    whole.advance(1200)
-    for _ in range(120):
+    whole.advance(2400)
+    for _ in range(240):
         cut.advance(10)
     assert whole.counts.joined[0] > 100
     assert (state(whole) == state(cut)).all()

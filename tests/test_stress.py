@@ -99,13 +99,13 @@ def smooth():
     return deepest
 
 
-@pytest.mark.xfail(strict=True, reason="two runs of three go beyond; see ARCHITECTURE")
+@pytest.mark.xfail(strict=True, reason="two runs of 48 go beyond; see ARCHITECTURE")
 def test_smooth_tiles_under_a_strong_torque_never_overlap_by_a_fiftieth(smooth):
     assert max(smooth) < 0.02
 
 
 def test_smooth_tiles_under_a_strong_torque_overlap_by_some_per_cent_at_most(smooth):
-    """Corners that sweep through where others are hit them: 2.3 % of the width in the mean of 48
-    runs, 3.3 % in the worst of them."""
-    assert np.mean(smooth) < 0.03
-    assert max(smooth) < 0.05
+    """Corners that sweep through where others are hit them: 1.0 % of the width in the mean of 48
+    runs, 2.9 % in the worst of them."""
+    assert np.mean(smooth) < 0.02
+    assert max(smooth) < 0.04

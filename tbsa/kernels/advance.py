@@ -148,7 +148,7 @@ class State(NamedTuple):
     vx: np.ndarray  # m/s
     vy: np.ndarray
     omega: np.ndarray  # rad/s
-    last: np.ndarray  # int64[2], passes of the last solve, and the substep (h/8) that it foresaw
+    last: np.ndarray  # int64[3], of the last substep: passes, the next one foreseen (h/8), hits
     impulses: Impulses
 
 
@@ -646,11 +646,13 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow
             struck += crew.found[other * LINE]
             overlap = max(overlap, crew.deepest[other * LINE])
         note_overlap(overlap, k.width, ticks, counts)
+        last[2] = 0
         if struck > 0:
-            counts.impacts[0] += impacts(rows, with_substep(k, ahead), v, work.scratch, x, y,
-                                         angle, c, s)
+            last[2] = impacts(rows, with_substep(k, ahead), v, work.scratch, x, y, angle, c, s)
+            counts.impacts[0] += last[2]
     else:
         counts.overlap[0] += ticks
+        last[2] = 0
 
     low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
     kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
@@ -727,7 +729,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     overlap = found if found >= 0.0 else overlap
                     wanted = ticks_at(k, rows, x, y, v,
                                       last[0] <= FEW and overlap <= CALM * k.width)
-                ticks = min(wanted, promised, left - end)
+                # What has just hit is where it is to be only after the time that was foreseen.
+                ticks = min(promised, left - end)
+                ticks = ticks if last[2] > 0 else min(wanted, ticks)
                 rest = left - end - ticks
                 promised = min(wanted, rest if rest > 0 else all_ticks // parts)
                 scale_to(rows, ticks)
@@ -735,7 +739,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     kh = with_substep(k, ticks * tick)
                     slow, slow_spin = damping(kh)
                 # From the middle of this substep to that of the next.
-                ahead = 0.5 * max(2 * ticks, ticks + promised) * tick
+                ahead = 0.5 * (ticks + promised) * tick
                 overlap = substep(k, kh, ticks, ahead, slow, slow_spin, floor, state, work,
                                   counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted

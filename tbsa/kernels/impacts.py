@@ -42,6 +42,7 @@ from tbsa.kernels.rows import (
     GAP0,
     GAP1,
     HIT,
+    ID0,
     ID1,
     K00,
     K11,
@@ -77,22 +78,29 @@ ROUNDING = 2e-15
 ALONE, TOGETHER, LATER = 0, 1, 2
 # Steps of the search for a meeting; the last few of them are Newton's.
 SEARCH = 60
+# Where its steps would get ever shorter, they are no shorter than this part of the substep.
+SOON = 2.0 / SEARCH
 # Hits of one tile at times that differ by less than this part of the substep are one.
 SAME = 1e-3
+# A tile that comes no further than this fraction of the width until it is hit is left where it is.
+NOWHERE = 1e-5
 # A solve of impacts leaves up to so many tolerances; among what hits, this part of the fastest
 # approach.
 ROUGH, FINE = 10.0, 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
-ROUNDS = 8
+ROUNDS = 12
 
 
 class Scratch(NamedTuple):
     """Scratch of the impacts, by rows (8 block + lane) and by bodies."""
 
+    hitting: np.ndarray  # int64, the rows that hit: 2 row + ALONE or TOGETHER
     known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
     rows: np.ndarray  # int64, the rows that take part
+    time: np.ndarray  # s, when in the substep the impact reaches a row
     in_it: np.ndarray  # int64[n], whether a tile takes part
     tiles: np.ndarray  # int64, the tiles that do
+    struck: np.ndarray  # int64, in which round one last hit alone
     island: np.ndarray  # int64, union-find over them
     ux: np.ndarray  # velocities before a phase
     uy: np.ndarray
@@ -101,26 +109,17 @@ class Scratch(NamedTuple):
     energy: np.ndarray
     mixed: np.ndarray
     since: np.ndarray  # s, from when in the substep a tile has gone as it goes now
-    kept: np.ndarray  # float64[40], of a block whose row is placed again
+    when: np.ndarray  # s, how far in the substep a tile of an impact has flown on
+    kept: np.ndarray  # a block of which one row is placed again
     size: np.ndarray  # int64[2], rows and tiles that take part
 
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
-    whole = {"in_it", "tiles", "island"}
-    parts = [np.zeros(8 * blocks, np.int64) for _ in range(2)]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[2:-2]])
-    return Scratch._make([*parts, np.zeros(5 * int(LANES)), np.zeros(2, np.int64)])
-
-
-@inline
-def hit_times(r: np.ndarray, i: int) -> Any:
-    """When the points of the row in lane i hit, its tiles going straight (s from now); infinite
-    for a point that does not."""
-    hit = r[i + HIT]
-    first = max(r[i + GAP0], 0.0) / -r[i + VN0] if hit == 1.0 or hit == 3.0 else math.inf
-    second = max(r[i + GAP1], 0.0) / -r[i + VN1] if hit >= 2.0 else math.inf
-    return first, second
+    whole = {"in_it", "tiles", "struck", "island"}
+    parts = [np.zeros(8 * blocks, dtype) for dtype in (np.int64,) * 3 + (np.float64,)]
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-2]])
+    return Scratch._make([*parts, np.zeros(int(BLOCK)), np.zeros(2, np.int64)])
 
 
 @inline
@@ -134,9 +133,12 @@ def safe(gap: float, rate: float, curve: float) -> float:
 
 @inline
 def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: float, spin: float,
-                c: float, s: float, nx: float, ny: float, side: float) -> Any:
+                c: float, s: float, nx: float, ny: float, side: float, stopped: float) -> Any:
     """How long no corner of a square surely reaches the face that keeps it apart (s), and how near
-    the nearest of them is now (m); corners that rest there are not waited for.
+    the nearest of them is now (m).
+
+    Corners that rest there are not waited for; one that is near and leaves, faster than `stopped`
+    (m/s, negative), is looked at again `SOON`, by when it can be back by next to nothing.
 
     From a to b the way is d, the relative velocity u, and the normal n; `side` is 1 where the face
     is a's and -1 where it is b's.  The face turns with `face`, the other square, now at c, s, with
@@ -159,7 +161,8 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
                        + ny * (face * face * py - spin * spin * ry - 2.0 * face * qx))
         nearest = min(nearest, gap)
         if gap > near or abs(vn) > slow or k.h * bend < -slow:
-            step = min(step, safe(gap, vn, curve))
+            ahead = safe(gap, vn, curve)
+            step = min(step, max(ahead, SOON * k.h) if gap < near and vn > stopped else ahead)
     return step, nearest
 
 
@@ -188,7 +191,6 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
     time, surmised = max(z.since[a], z.since[b]), r[i + HIT] < 0.0
     stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
-    soon = (2.0 / SEARCH if surmised else SAME) * k.h
     for _ in range(SEARCH):
         ca, sa = cos_sin(angle[a] + time * w[a])
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
@@ -205,7 +207,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
             step = safe(gap, vn, w[a] * w[a] * radius + bend)
             step = min(step, 0.25 * k.wall_x / fastest) if round_wall else step
-            time += max(step, soon) if gap <= least else step
+            time += max(step, SOON * k.h) if gap <= least else step
             if time > k.h:
                 break
             continue
@@ -228,9 +230,9 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
         step, nearest = until_touch(
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
-            cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0)
-        if nearest <= least:  # what leaves, or passes by a corner, is looked at again soon
-            step = max(step, BLUNT * k.width / fastest if count == 0.0 else soon)
+            cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped)
+        if nearest <= least:  # what passes by a corner is looked at again soon
+            step = max(step, BLUNT * k.width / fastest if count == 0.0 else SAME * k.h)
         time += step
         if time > k.h:
             break
@@ -329,47 +331,96 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, v: Bodies, z
                 x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
     """A row from where its tiles are now, and whether it hits at their new velocities.
 
-    It is placed with its block, of whose other rows, far away perhaps, nothing has changed: what
-    hits there and what `fly_on` has let go stays so.
+    It is placed with its block, whose other rows, far away perhaps, stay as they are.
     """
     r, kept, block, lane = rows.field, z.kept, row // 8, U(row % 8)
-    first, n = U(block) * BLOCK, ZERO
-    for field in (HIT, WANT0, WANT1, BEND0, BEND1):
-        for i in range(LANES):
-            kept[n] = r[first + field + i]
-            n += 1
+    first, single = U(block) * BLOCK, rows.single[block]
+    for i in range(BLOCK):
+        kept[i] = r[first + i]
     place_block(rows, block, k, x, y, c, s, v)
     weigh_block(rows, block, k.h, k.per_mass, threshold)
-    n, rows.hits[block] = ZERO, 0
-    for field in (HIT, WANT0, WANT1, BEND0, BEND1):
+    for field in range(ZERO, BLOCK, LANES):
         for i in range(LANES):
-            r[first + field + i] = r[first + field + i] if i == lane else kept[n]
-            n += 1
+            r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
+    hits, lone = 0, 0
     for i in range(LANES):
-        rows.hits[block] += 1 if r[first + HIT + i] != 0.0 else 0
+        hits += 1 if r[first + HIT + i] != 0.0 else 0
+        lone += 1 if r[first + COUNT + i] == 1.0 else 0
+        rows.queued[U(block) * LANES + i] = 1 if r[first + COUNT + i] == 0.0 else 0
+    z.time[row] = max(z.since[rows.body[U(block) * BODIES + lane]],
+                      z.since[rows.body[U(block) * BODIES + LANES + lane]])  # no sooner
+    rows.hits[block], rows.single[block] = hits, single if single == LANES else lone
 
 
 @inline
-def enter(rows: Rows, q: int, h: float, mobile: np.ndarray, v: Bodies, z: Scratch) -> None:
-    """Let row q take part in the impact: without impulses, and its gap may close if it hits."""
-    r, body = rows.field, rows.body
-    k, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+def corner_speed(k: Numbers, v: Bodies, i: int) -> float:
+    """What no corner of a tile is faster than (m/s)."""
+    return float(math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
+                 + 0.7072 * k.width * abs(v.w[i]))
+
+
+@inline
+def pressed(rows: Rows, tile: int) -> bool:
+    """Whether a tile was in contact at the end of the substep before."""
+    r, carried = rows.field, 0.0
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        i = lane_of(rows.of[p])
+        carried += r[i + WARM0] + r[i + WARM1]
+    return carried > 0.0
+
+
+@inline
+def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
+          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """Let row q take part in the impact, at its time: without impulses, and its gap may close if it
+    hits.
+
+    Where one of them has been thrown before in this substep, its tiles fly on to where they then
+    are, as what was before that is not where it goes.  One that hardly moves by then stays, and so
+    does one that is pressed against another: straight on it would leave it, or sink in.
+    """
+    r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
+    at, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
     z.rows[z.size[0]] = q
     z.size[0] += 1
-    hit = r[k + HIT]
-    r[k + WANT0] = 0.0 if hit == 1.0 or hit == 3.0 else max(r[k + GAP0], 0.0) / h
-    r[k + WANT1] = 0.0 if hit >= 2.0 else max(r[k + GAP1], 0.0) / h
-    r[k + PN0] = r[k + PN1] = r[k + PT] = r[k + BASE] = 0.0
+    thrown, moved = max(z.since[body[t]], z.since[body[t + LANES]]) > 0.0, False
     for i in (body[t], body[t + LANES]):
-        if mobile[i] != 0.0 and z.in_it[i] == 0:
+        if mobile[i] == 0.0:
+            continue
+        if z.in_it[i] == 0:
             z.in_it[i] = 1
             z.tiles[z.size[1]] = i
             z.size[1] += 1
-            z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
+            z.ux[i], z.uy[i], z.uw[i], z.when[i] = v.vx[i], v.vy[i], v.w[i], 0.0
+            if (thrown and time * corner_speed(k, v, i) > NOWHERE * k.width
+                    and (z.since[i] > 0.0 or not pressed(rows, i))):
+                z.when[i] = time
+                x[i] += time * v.vx[i]
+                y[i] += time * v.vy[i]
+                angle[i] += time * v.w[i]
+                c[i], s[i] = cos_sin(angle[i])
+        moved |= z.when[i] > 0.0
+    hit, left = r[at + HIT], k.h
+    first, second = hit == 1.0 or hit == 3.0, hit >= 2.0
+    if moved:
+        id0, id1 = r[at + ID0] if first else -2.0, r[at + ID1] if second else -2.0
+        place_again(rows, q, k, k.threshold, v, z, x, y, c, s)
+        left, least = max(k.h - time, SAME * k.h), 2.0 * NOWHERE * k.width
+        gap0, gap1 = r[at + GAP0], r[at + GAP1]
+        first = gap0 <= least or r[at + ID0] == id0 or r[at + ID0] == id1
+        second = gap1 <= least or r[at + ID1] == id0 or r[at + ID1] == id1
+        if hit > 0.0 and not (first or second):
+            first, second = gap0 <= gap1, gap1 < gap0
+    if r[at + COUNT] != 0.0:
+        r[at + WANT0] = 0.0 if first else max(r[at + GAP0], 0.0) / left
+        r[at + WANT1] = 0.0 if second else max(r[at + GAP1], 0.0) / left
+    r[at + HIT] = hit
+    r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
 
 @inline
-def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, size: int, fine: float) -> None:
+def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
+           angle: np.ndarray, c: np.ndarray, s: np.ndarray, size: int, fine: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
     Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
@@ -398,10 +449,13 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, size: int, fine: float
                         continue
                     if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
                         continue
-                    if known[other] == 0 and min(r[i + GAP0], r[i + GAP1]) > near:
-                        continue  # what is thrown at it hits it in the next round
                     if known[other] == 0:
-                        enter(rows, other, k.h, mobile, v, z)
+                        gap = min(r[i + GAP0] + z.when[tile] * r[i + VN0],
+                                  r[i + GAP1] + z.when[tile] * r[i + VN1])
+                        if gap > near:
+                            continue  # what is thrown at it hits it in the next round
+                        z.time[other] = z.time[q]
+                        enter(rows, other, k, v, z, x, y, angle, c, s)
                     known[other] = 2
                     then[m] = other
                     m += 1
@@ -470,22 +524,21 @@ def note_energy(k: Numbers, vx: np.ndarray, vy: np.ndarray, w: np.ndarray, z: Sc
 
 
 @inline
-def company(rows: Rows, tile: int, row: int, time: float, k: Numbers) -> int:
-    """What else a tile meets whose `row` hits after this time: ALONE nothing, before; TOGETHER
-    what it touches and does not leave, or hits at the same time; LATER, as it hits something else
-    first."""
-    r, how, near = rows.field, ALONE, TOUCHING * k.width
+def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
+    """What else a tile meets whose `row` hits: ALONE nothing, before; TOGETHER what it touches and
+    does not leave, or hits at the same time; LATER, as it hits something else first."""
+    r, how, near, time = rows.field, ALONE, TOUCHING * k.width, z.time[row]
     for p in range(rows.start[tile], rows.start[tile + 1]):
         i = lane_of(rows.of[p])
-        if rows.of[p] == row or r[i + COUNT] == 0.0:
+        hits = r[i + HIT] != 0.0
+        if rows.of[p] == row or (r[i + COUNT] == 0.0 and not hits):
             continue
-        sooner = min(hit_times(r, i)) - time
-        if sooner < -SAME * k.h:
+        if hits and z.time[rows.of[p]] - time < -SAME * k.h:
             return LATER
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > k.threshold
                   and (r[i + COUNT] == 1.0 or r[i + VN1] > k.threshold))
-        touches = sooner == math.inf and min(r[i + GAP0], r[i + GAP1]) < near
-        if sooner <= SAME * k.h or (touches and not leaves):
+        touches = not hits and min(r[i + GAP0], r[i + GAP1]) < near
+        if (hits and z.time[rows.of[p]] - time <= SAME * k.h) or (touches and not leaves):
             how = TOGETHER
     return how
 
@@ -502,12 +555,13 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
     """
     r, body, hits, mobile, points = rows.field, rows.body, rows.hits, v.mobile, 0
     set_all(z.since, 0.0)
-    for turn in range(ROUNDS):
-        size, more = ZERO, ZERO
-        for block in range(rows.first[COLOURS]):
+    set_all(z.struck, 0)
+    for turn in range(1, ROUNDS + 1):
+        some, size, more = ZERO, ZERO, ZERO
+        for block in range(rows.first[COLOURS]):  # what hits, and when
             if hits[block] == 0:
                 continue
-            o, t = U(block) * BLOCK, U(block) * BODIES
+            o = U(block) * BLOCK
             for i in range(LANES):
                 if r[o + HIT + i] == 0.0:
                     continue
@@ -515,25 +569,37 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                 if how == LATER:
                     fly_on(r, o + i, k.h)
                     continue
-                row, surmised = 8 * block + int(i), r[o + HIT + i] < 0.0
-                time = meet[0] if surmised else min(hit_times(r, o + i))
-                for tile in (body[t + i], body[t + LANES + i]):
-                    if mobile[tile] != 0.0:
-                        how = max(how, company(rows, tile, row, time, k))
-                if how == ALONE or (how == TOGETHER and surmised):
-                    lone_impact(rows, block, i, k, v, z, x, y, angle, c, s, meet)
-                    more += 1
-                    points += 1
-                elif how == LATER and turn < ROUNDS - 1:
-                    more += 1
-                elif surmised:
-                    fly_on(r, o + i, k.h)
-                else:
-                    rows.now[size] = row
-                    size += 1
-                    points += 2 if r[o + HIT + i] == 3.0 else 1
+                row = 8 * block + int(i)
+                z.time[row] = meet[0]
+                z.hitting[some] = 2 * row + how
+                some += 1
+        for j in range(some):
+            row, how = z.hitting[j] // 2, z.hitting[j] % 2  # ALONE or TOGETHER
+            block, lane = row // 8, row % 8
+            at, t = lane_of(row), U(block) * BODIES + U(lane)
+            if r[at + HIT] == 0.0:  # no longer, after another impact
+                continue
+            surmised = r[at + HIT] < 0.0
+            for tile in (body[t], body[t + LANES]):
+                if mobile[tile] != 0.0:
+                    how = max(how, LATER if z.struck[tile] == turn
+                              else company(rows, tile, row, k, z))
+            if how == LATER and turn < ROUNDS:
+                more += 1
+            elif how == ALONE or (how == TOGETHER and surmised):
+                _, meet = meeting(rows, block, lane, k, v, z, x, y, angle)
+                lone_impact(rows, block, lane, k, v, z, x, y, angle, c, s, meet)
+                z.struck[body[t]] = z.struck[body[t + LANES]] = turn
+                more += 1
+                points += 1
+            elif surmised:
+                fly_on(r, at, k.h)
+            else:
+                rows.now[size] = row
+                size += 1
+                points += 2 if r[at + HIT] == 3.0 else 1
         if size > 0:
-            together(rows, k, v, z, x, y, c, s, size)
+            together(rows, k, v, z, x, y, angle, c, s, size)
         if size + more == 0:
             break
     return points
@@ -541,20 +607,20 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
 
 @inline
 def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-             c: np.ndarray, s: np.ndarray, size: int) -> None:
+             angle: np.ndarray, c: np.ndarray, s: np.ndarray, size: int) -> None:
     """Impulses of the `size` rows in ``rows.now``, that hit together, and of what they reach."""
-    r, body, mobile = rows.field, rows.body, v.mobile
+    r, body = rows.field, rows.body
     set_all(z.size, ZERO)
     fastest = 0.0
     for j in range(size):
         at = lane_of(rows.now[j])
         fastest = max(fastest, -min(r[at + VN0], r[at + VN1]))
-        enter(rows, rows.now[j], k.h, mobile, v, z)
+        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s)
         z.known[rows.now[j]] = 2
     fine = min(ROUGH * k.tolerance, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, size, fine)
+    settle(rows, k, v, z, x, y, angle, c, s, size, fine)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -586,7 +652,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, v, z, size, fine)
+        settle(rows, k, v, z, x, y, angle, c, s, size, fine)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
@@ -608,12 +674,20 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 r[at + BEND0] = r[at + BEND1] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
-    for j in range(z.size[1]):
-        i = z.tiles[j]
+    m = 0
+    for j in range(z.size[1]):  # and back
+        i, time = z.tiles[j], z.when[z.tiles[j]]
+        if time > 0.0:
+            x[i] -= time * v.vx[i]
+            y[i] -= time * v.vy[i]
+            angle[i] -= time * v.w[i]
+            c[i], s[i] = cos_sin(angle[i])
+            z.since[i] = time
         # A tile that has been thrown may close gaps that were too wide to matter.
-        corners = (math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
-                   + 0.7072 * k.width * abs(v.w[i]))
-        if k.h * corners > SPARE * k.width:
-            for p in range(rows.start[i], rows.start[i + 1]):
-                place_again(rows, rows.of[p], k, k.threshold + ROUGH * k.tolerance, v, z,
-                            x, y, c, s)
+        if time > 0.0 or k.h * corner_speed(k, v, i) > SPARE * k.width:
+            z.tiles[m] = i
+            m += 1
+    for j in range(m):
+        i = z.tiles[j]
+        for p in range(rows.start[i], rows.start[i + 1]):
+            place_again(rows, rows.of[p], k, k.threshold + ROUGH * k.tolerance, v, z, x, y, c, s)

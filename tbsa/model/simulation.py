@@ -157,7 +157,7 @@ class Simulation:
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
                                 np.array([scene.solver.passes,  # as if it had not been calm
-                                          1 if _clashes(scene, layout) else core.TICKS]),
+                                          1 if _clashes(scene, layout) else core.TICKS, 0]),
                                 empty_impulses(self._capacity[core.MORE_ROWS]))
         types = scene.types
         self.tiles = core.Tiles(
