@@ -38,9 +38,12 @@ from tbsa.kernels.rows import (
     ALONE,
     BLOCK,
     BODIES,
+    FAR,
     ID1,
+    IDLE,
     LANES,
     PAIR_COLOURS,
+    WIDE,
     add_rows,
     colour_rows,
     empty_impulses,
@@ -135,14 +138,15 @@ NO_IMPULSES, ALONE_CREW = empty_impulses(1), empty_crew(1)
 
 
 def may_touch(x, y, angle, mobile, wall, size, way, far):
-    """The rows that there should be, by comparing all tiles: (a, b, corner)."""
+    """The rows that there should be, by comparing all tiles: (a, b, corner); for pairs whether they
+    are kept with the far ones."""
     found, n = set(), len(x)
     for a, b in itertools.combinations(range(n), 2):
         gap = max(separations(complex(x[a], y[a]), angle[a], complex(x[b], y[b]), angle[b],
                               WIDTH))
         if ((mobile[a] or mobile[b]) and gap <= far[a] + far[b]
                 and math.hypot(x[b] - x[a], y[b] - y[a]) <= 1.41422 * WIDTH + way[a] + way[b]):
-            found.add((a, b, 0))
+            found.add((a, b, int(gap > FAR * WIDTH)))
     for a in np.flatnonzero(mobile) if wall else ():
         out = math.hypot(x[a], y[a]) if wall == CIRCLE else max(abs(x[a]), abs(y[a]))
         for q in range(4 if out + 0.70711 * WIDTH + way[a] >= size else 0):
@@ -191,9 +195,22 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
         assert rows.field[slot + int(ID1)] == (corner if b == n else -2.0)
         for i in (a, b):
             if mobile[i] > 0.0:
-                of[i].append(8 * block + lane)
+                of[i].append(WIDE * block + lane)
     for i in range(n):
         assert rows.of[rows.start[i] : rows.start[i + 1]].tolist() == of[i]
+
+
+def test_blocks_in_which_nothing_touches_are_left_out_until_something_does():
+    """Both pairs are far ones when the step begins; one of them hits in the middle of it."""
+    gap = 2.0 * FAR * WIDTH
+    apart, hit = (simulate([tile(0, 0, vx=speed), tile(WIDTH + gap, 0)], step=1 / 120, substeps=12,
+                           body=material(restitution=0.5)) for speed in (0.0, 0.3))
+    for s in (apart, hit):
+        s.advance(1)
+        assert s._work.rows.size[0] == 1
+    assert apart._work.rows.single[0] == IDLE
+    assert hit._work.rows.single[0] != IDLE
+    assert hit.state.vx[:2] == pytest.approx([0.075, 0.225], rel=1e-12)
 
 
 def test_rows_that_do_not_fit_are_not_added():

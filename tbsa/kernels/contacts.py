@@ -42,6 +42,7 @@ from tbsa.kernels.rows import (
     ID0,
     ID1,
     IDET,
+    IDLE,
     ITT,
     K00,
     K01,
@@ -63,6 +64,7 @@ from tbsa.kernels.rows import (
     WARM0,
     WARM1,
     WARMT,
+    WIDE,
     Rows,
 )
 
@@ -116,7 +118,7 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
     """Where the pairs of a block touch; every point keeps its impulse, a new point has none."""
     r, per_h2 = rows.field, 1.0 / (h * h)
     o = U(block) * BLOCK
-    lone = 0
+    lone, some = 0, 0
     for i in range(LANES):
         vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
         way = h * (math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
@@ -149,7 +151,8 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
         r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, pt
         r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = p0, p1, pt
         lone += 1 if count == 1.0 else 0
-    rows.single[block] = lone
+        some += 1 if (count != 0.0) | (r[o + HIT + i] != 0.0) else 0
+    rows.single[block] = lone if some > 0 else IDLE
 
 
 @inline
@@ -158,7 +161,7 @@ def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
     """Where the corners of a block touch the wall."""
     r, body, vx, vy, w, h = rows.field, rows.body, v.vx, v.vy, v.w, k.h
     o, t = U(block) * BLOCK, U(block) * BODIES
-    rows.single[block] = 8
+    rows.single[block] = WIDE
     for i in range(LANES):
         a = U(body[t + i])
         r[o + HIT + i] = 0.0

@@ -62,6 +62,7 @@ from tbsa.kernels.rows import (
     WARM0,
     WARM1,
     WARMT,
+    WIDE,
     E,
     Rows,
     root,
@@ -92,7 +93,7 @@ ROUNDS = 12
 
 
 class Scratch(NamedTuple):
-    """Scratch of the impacts, by rows (8 block + lane) and by bodies."""
+    """Scratch of the impacts, by rows (WIDE block + lane) and by bodies."""
 
     hitting: np.ndarray  # int64, the rows that hit: 2 row + ALONE or TOGETHER
     known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
@@ -117,7 +118,7 @@ class Scratch(NamedTuple):
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "struck", "island"}
-    parts = [np.zeros(8 * blocks, dtype) for dtype in (np.int64,) * 3 + (np.float64,)]
+    parts = [np.zeros(WIDE * blocks, dtype) for dtype in (np.int64,) * 3 + (np.float64,)]
     parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-2]])
     return Scratch._make([*parts, np.zeros(int(BLOCK)), np.zeros(2, np.int64)])
 
@@ -168,8 +169,8 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
 
 @inline
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-            y: np.ndarray, angle: np.ndarray) -> Any:
-    """When and where the bodies of a row that hits meet, both flying on.
+            y: np.ndarray, angle: np.ndarray, begin: float) -> Any:
+    """When and where the bodies of a row that hits meet, both flying on; not before `begin` (s).
 
     The row tells of the face that is nearest now, going on at its present rates; here the bodies
     go along their arcs, and another face may come between.  Time goes on by as much as no corner
@@ -189,7 +190,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
     an, bn, at, bt, of_a = 0.0, 0.0, 0.0, 0.0, False
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
-    time, surmised = max(z.since[a], z.since[b]), r[i + HIT] < 0.0
+    time, surmised = max(begin, max(z.since[a], z.since[b])), r[i + HIT] < 0.0
     stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
     for _ in range(SEARCH):
         ca, sa = cos_sin(angle[a] + time * w[a])
@@ -318,7 +319,7 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
         z.since[body_index] = time
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
-    row = 8 * block + int(lane)
+    row = WIDE * block + int(lane)
     place_again(rows, row, k, threshold, v, z, x, y, c, s)
     for body_index in (a, b):
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
@@ -333,7 +334,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, v: Bodies, z
 
     It is placed with its block, whose other rows, far away perhaps, stay as they are.
     """
-    r, kept, block, lane = rows.field, z.kept, row // 8, U(row % 8)
+    r, kept, block, lane = rows.field, z.kept, row // WIDE, U(row % WIDE)
     first, single = U(block) * BLOCK, rows.single[block]
     for i in range(BLOCK):
         kept[i] = r[first + i]
@@ -380,7 +381,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     does one that is pressed against another: straight on it would leave it, or sink in.
     """
     r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
-    at, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     z.rows[z.size[0]] = q
     z.size[0] += 1
     thrown, moved = max(z.since[body[t]], z.since[body[t + LANES]]) > 0.0, False
@@ -438,7 +439,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
             change = solve_row(rows, q, k.per_mass, v)
             if change <= fine:
                 continue
-            t = U(q // 8) * BODIES + U(q % 8)
+            t = U(q // WIDE) * BODIES + U(q % WIDE)
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] == 0.0:
                     continue
@@ -484,7 +485,7 @@ def limit_energy(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
         island[z.tiles[j]] = z.tiles[j]
     for j in range(z.size[0]):
         q = z.rows[j]
-        i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+        i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
         a, b = body[t], body[t + LANES]
         if mobile[a] * mobile[b] != 0.0 and (r[i + PN0] != 0.0 or r[i + PN1] != 0.0
                                              or r[i + PT] != 0.0 or r[i + BASE] != 0.0):
@@ -565,17 +566,17 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             for i in range(LANES):
                 if r[o + HIT + i] == 0.0:
                     continue
-                how, meet = meeting(rows, block, i, k, v, z, x, y, angle)
+                how, meet = meeting(rows, block, i, k, v, z, x, y, angle, 0.0)
                 if how == LATER:
                     fly_on(r, o + i, k.h)
                     continue
-                row = 8 * block + int(i)
+                row = WIDE * block + int(i)
                 z.time[row] = meet[0]
                 z.hitting[some] = 2 * row + how
                 some += 1
         for j in range(some):
             row, how = z.hitting[j] // 2, z.hitting[j] % 2  # ALONE or TOGETHER
-            block, lane = row // 8, row % 8
+            block, lane = row // WIDE, row % WIDE
             at, t = lane_of(row), U(block) * BODIES + U(lane)
             if r[at + HIT] == 0.0:  # no longer, after another impact
                 continue
@@ -587,7 +588,7 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             if how == LATER and turn < ROUNDS:
                 more += 1
             elif how == ALONE or (how == TOGETHER and surmised):
-                _, meet = meeting(rows, block, lane, k, v, z, x, y, angle)
+                _, meet = meeting(rows, block, lane, k, v, z, x, y, angle, z.time[row])
                 lone_impact(rows, block, lane, k, v, z, x, y, angle, c, s, meet)
                 z.struck[body[t]] = z.struck[body[t + LANES]] = turn
                 more += 1
@@ -632,7 +633,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     size = ZERO
     for j in range(z.size[0]):
         q = z.rows[j]
-        at, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
         e, p0, p1 = r[at + E], r[at + PN0], r[at + PN1]
         p0 = e * p0 if p0 * r[at + K00] > k.threshold else 0.0
         p1 = e * p1 if p1 * r[at + K11] > k.threshold else 0.0

@@ -62,7 +62,8 @@ def one_point(vn: float, vt: float, knn: float, ktt: float, knt: float, itt: flo
     """Impulses (pn, pt) of one contact from the velocities without them (vn with its want).
 
     Open, stick or slide, whichever is consistent; `base` widens the friction bound to
-    mu (base + pn).
+    mu (base + pn).  Both ways of sliding are worked out before it is known which it is: what a
+    row waits for is the way from its velocities to its impulses.
     """
     # Open: no further normal impulse, friction alone on what is there already.
     loose = min(max(-vt * itt, -mu * base), mu * base)
@@ -71,13 +72,17 @@ def one_point(vn: float, vt: float, knn: float, ktt: float, knt: float, itt: flo
     pt = (knt * vn - knn * vt) * idet
     sticks = (pn >= 0.0) & (abs(pt) <= mu * (base + pn))
     # Sliding, against the direction that sticking would have had to hold.
-    side = 1.0 if pt > 0.0 else -1.0
-    grip = knn + side * mu * knt
-    jams = grip <= 1e-6 * knn  # Painleve: friction would press without end; hold instead
-    slid = -(vn + side * mu * knt * base) / (1.0 if jams else grip)
-    slid = max(pn if jams else slid, 0.0)
+    forward = pt > 0.0
+    least, pull = 1e-6 * knn, mu * knt * base
+    grip, grip_back = knn + mu * knt, knn - mu * knt
+    # Painleve: friction would press without end; hold instead
+    jams = grip <= least if forward else grip_back <= least
+    slid_on = (vn + pull) * (-1.0 / max(grip, least))
+    slid_back = (vn - pull) * (-1.0 / max(grip_back, least))
+    slid = max(pn if jams else (slid_on if forward else slid_back), 0.0)
+    rubs = mu * (base + slid)
     closed_n = pn if sticks else slid
-    closed_t = pt if sticks else side * mu * (base + slid)
+    closed_t = pt if sticks else (rubs if forward else -rubs)
     return (0.0 if is_open else closed_n), (loose if is_open else closed_t)
 
 
@@ -125,14 +130,15 @@ def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
         at, bt, q0, q1, qt = r[k + AT], r[k + BT], r[k + PN0], r[k + PN1], r[k + PT]
         k00, k01, k11 = r[k + K00], r[k + K01], r[k + K11]
         along = nx * dvx + ny * dvy
-        vt = nx * dvy - ny * dvx + bt * wb - at * wa
+        vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
         bound = r[k + MU] * (r[k + BASE] + q0 + q1)
         t = min(max(qt - vt * r[k + ITT], -bound), bound)
         # What this friction does to the normal velocities, through the lever arms.
-        ta = wa - per_mass * r[k + MA] * at * (t - qt)
-        tb = wb + per_mass * r[k + MB] * bt * (t - qt)
-        u0 = along + bn0 * tb - an0 * ta + r[k + WANT0] - k00 * q0 - k01 * q1
-        u1 = along + bn1 * tb - an1 * ta + r[k + WANT1] - k01 * q0 - k11 * q1
+        ga, gb = per_mass * r[k + MA] * at, per_mass * r[k + MB] * bt
+        u0 = ((along + (bn0 * wb - an0 * wa)) + (r[k + WANT0] - (k00 * q0 + k01 * q1))
+              + (ga * an0 + gb * bn0) * (t - qt))
+        u1 = ((along + (bn1 * wb - an1 * wa)) + (r[k + WANT1] - (k01 * q0 + k11 * q1))
+              + (ga * an1 + gb * bn1) * (t - qt))
         p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, r[k + IDET])
         push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
         r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t
@@ -153,17 +159,17 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
         mu, base, itt, idet = r[k + MU], r[k + BASE], r[k + ITT], r[k + IDET]
         two = r[k + COUNT] > 1.5
         along = nx * dvx + ny * dvy
-        vt = nx * dvy - ny * dvx + bt * wb - at * wa
+        vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
+        vn0 = (along + (bn0 * wb - an0 * wa)) + r[k + WANT0]
+        vn1 = (along + (bn1 * wb - an1 * wa)) + r[k + WANT1]
         bound = mu * (base + q0 + q1)
         t2 = min(max(qt - vt * itt, -bound), bound)
-        ta = wa - per_mass * r[k + MA] * at * (t2 - qt)
-        tb = wb + per_mass * r[k + MB] * bt * (t2 - qt)
-        u0 = along + bn0 * tb - an0 * ta + r[k + WANT0] - k00 * q0 - k01 * q1
-        u1 = along + bn1 * tb - an1 * ta + r[k + WANT1] - k01 * q0 - k11 * q1
+        ga, gb = per_mass * r[k + MA] * at, per_mass * r[k + MB] * bt
+        u0 = (vn0 - (k00 * q0 + k01 * q1)) + (ga * an0 + gb * bn0) * (t2 - qt)
+        u1 = (vn1 - (k01 * q0 + k11 * q1)) + (ga * an1 + gb * bn1) * (t2 - qt)
         p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, idet)
-        vn = along + bn0 * wb - an0 * wa + r[k + WANT0]
-        pn, pt = one_point(vn - k00 * q0 - k01 * qt, vt - k01 * q0 - ktt * qt, k00, ktt, k01, itt,
-                           idet, mu, base)
+        pn, pt = one_point(vn0 - (k00 * q0 + k01 * qt), vt - (k01 * q0 + ktt * qt), k00, ktt, k01,
+                           itt, idet, mu, base)
         p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)
         push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
         r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t

@@ -35,6 +35,7 @@ from tbsa.kernels.rows import (
     WARM0,
     WARM1,
     WARMT,
+    WIDE,
     Rows,
 )
 from tbsa.kernels.sweeps import (
@@ -118,7 +119,7 @@ def sweep_on(rows: Rows, size: int, k: Numbers, v: Bodies, little: float) -> Any
         worst = max(worst, change)
         if change <= little:
             continue
-        t = U(q // 8) * BODIES + U(q % 8)
+        t = U(q // WIDE) * BODIES + U(q % WIDE)
         m = queue(rows, v, body[t], m)
         m = queue(rows, v, body[t + LANES], m)
     return m, worst, square, onward
@@ -144,7 +145,7 @@ def go_on_queue(rows: Rows, size: int, m: int, beta: float, k: Numbers, v: Bodie
         scatter_row(rows, q, vx, vy, w)
         if change <= little:
             continue
-        t = U(q // 8) * BODIES + U(q % 8)
+        t = U(q // WIDE) * BODIES + U(q % WIDE)
         m = queue(rows, v, body[t], m)
         m = queue(rows, v, body[t + LANES], m)
     return m

@@ -36,6 +36,7 @@ from tbsa.kernels.rows import (
     I00,
     I11,
     IDET,
+    IDLE,
     K00,
     K01,
     K11,
@@ -48,6 +49,7 @@ from tbsa.kernels.rows import (
     PN0,
     PN1,
     PT,
+    WIDE,
     Rows,
 )
 from tbsa.kernels.sweeps import lane_of, queue
@@ -76,7 +78,7 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
     spare = slop - left
     r, body, sx, sy, sw = rows.field, rows.body, shift.vx, shift.vy, shift.w
     vx, vy, w = v.vx, v.vy, v.w
-    i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     a, b = U(body[t]), U(body[t + LANES])
     nx, ny, two = r[i + NX], r[i + NY], r[i + COUNT] > 1.5
     # Where the points will be after a substep at these velocities, with what has been moved yet.
@@ -139,6 +141,9 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
     r, hits, low = rows.field, rows.hits, -SLOP * k.width
     away = k.h * (k.threshold + FLYING * k.tolerance)
     for block in range(begin, last):
+        hits[block] = 0
+        if rows.single[block] == IDLE:
+            continue
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
@@ -179,7 +184,7 @@ def project(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: 
         o = U(block) * BLOCK
         for i in range(LANES):
             if r[o + HIT + i] != 0.0:
-                now[size] = 8 * block + int(i)
+                now[size] = WIDE * block + int(i)
                 queued[now[size]] = 1
                 size += 1
     if size == 0:
@@ -195,7 +200,7 @@ def project(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: 
             q = now[j]
             queued[q] = 0
             if part_row(rows, q, k, v, shift, x, y, angle, left):
-                t = U(q // 8) * BODIES + U(q % 8)
+                t = U(q // WIDE) * BODIES + U(q % WIDE)
                 m = queue(rows, v, body[t], m)
                 m = queue(rows, v, body[t + LANES], m)
         some += m

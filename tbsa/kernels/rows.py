@@ -1,7 +1,7 @@
 """Rows: every manifold that may matter in this step, in blocks that vectorise.
 
-A row is one manifold.  Eight rows without a common mobile tile make a block, blocks of one
-colour have no common tile either, and a field of a block is eight neighbouring numbers (its
+A row is one manifold.  WIDE rows without a common mobile tile make a block, blocks of one
+colour have no common tile either, and a field of a block is as many neighbouring numbers (its
 lanes): a loop over the lanes is plain vector code, and the solve of a block is that of its rows
 one after the other.  Which rows there are is found once a step; where they touch, every substep
 (`contacts.py`).
@@ -30,7 +30,10 @@ from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 NEAR = 0.05
 # A square's diagonal (widths), rounded up.
 DIAGONAL = 1.41422
-LANES = U(8)
+# Rows of a block.  Eight are as fast where there are hundreds of tiles, and a quarter slower where
+# there are two.
+WIDE = 4
+LANES = U(WIDE)
 FIELDS = (
     "count",                       # points: 0, 1 or 2
     "pn0", "pn1",                  # N s, normal impulses, >= 0
@@ -61,9 +64,15 @@ ZEROED = CHANGE + LANES  # numbers of a block, its first, that a new row needs t
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b
 CHUNK = 8  # blocks that are worked on together
-# Colours of pairs; then those of walls, of which a tile has eight rows at most; then the rows
-# that are alone.
-PAIR_COLOURS, WALL_COLOURS = 47, 8
+IDLE = -1
+# Pairs that are further apart than this fraction of the width when a step begins are kept by
+# themselves: most of them are not in contact all the step long, and their blocks are left out of
+# the solve.
+FAR = 0.02
+# Colours of near pairs, as many of far ones, then those of walls, of which a tile has eight rows at
+# most; then the rows that are alone.
+NEAR_COLOURS, WALL_COLOURS = 16, 8
+PAIR_COLOURS = 2 * NEAR_COLOURS
 PAIR_BITS = 2**PAIR_COLOURS - 1
 ALONE = PAIR_COLOURS + WALL_COLOURS
 COLOURS = ALONE + 1
@@ -77,23 +86,24 @@ class Rows(NamedTuple):
 
     a: np.ndarray  # int64, the rows in the order found
     b: np.ndarray  # int64, n for the wall
-    corner: np.ndarray  # int64, of a at the wall, twice, and the side of a rectangle; 0 for pairs
+    corner: np.ndarray  # int64, of a at the wall, twice, and the side of a rectangle; 1: far pair
     slot: np.ndarray  # int64, where its lane begins in `field`
     field: np.ndarray  # float64[blocks * BLOCK]
     body: np.ndarray  # int64[blocks * BODIES]
     first: np.ndarray  # int64[COLOURS + 1], first block of every colour
-    single: np.ndarray  # int64, one a block: rows of a single point in it
+    single: np.ndarray  # int64, one a block: rows of a single point in it; IDLE if none touches
     hits: np.ndarray  # int64, one a block: rows that hit; then rows that changed, or are deep
     active: np.ndarray  # int64, one a block: scratch
-    queued: np.ndarray  # int64, eight a block: 1 if the row is on the list of a pass, or never
+    queued: np.ndarray  # int64, WIDE a block: 1 if the row is on the list of a pass, or never
     # to be, as it is not in contact ...
-    now: np.ndarray  # int64, eight a block: the list of this pass, each row as 8 block + lane
-    then: np.ndarray  # int64, eight a block: ... of the next
+    now: np.ndarray  # int64, WIDE a block: the list of this pass, each row as WIDE block + lane
+    then: np.ndarray  # int64, WIDE a block: ... of the next
+    changes: np.ndarray  # m/s, WIDE a block: by how much a pass changed the rows on the list
     new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
     new_b: np.ndarray
     new_corner: np.ndarray
     start: np.ndarray  # int64[n + 2], where the rows of every body begin in ...
-    of: np.ndarray  # int64, the rows of every mobile tile, each as 8 block + lane
+    of: np.ndarray  # int64, the rows of every mobile tile, each as WIDE block + lane
     island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
@@ -120,12 +130,13 @@ def empty_rows(n: int, capacity: int) -> Rows:
     blocks = capacity // int(LANES) + capacity // 16 + 2 * COLOURS
     field = np.zeros(blocks * int(BLOCK) + 8)
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
-    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [8 * blocks] * 3, [capacity] * 3,
+    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [WIDE * blocks] * 3, [capacity] * 3,
              [n + 2, 2 * capacity])
     lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
     return Rows._make([
         *lists[0], field[shift : shift + blocks * int(BLOCK)],
-        np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], *lists[3], *lists[4],
+        np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], np.zeros(WIDE * blocks),
+        *lists[3], *lists[4],
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
         np.zeros(ALONE, np.int64),
         np.zeros(4, np.int64), np.zeros(2, np.int64)])
@@ -205,7 +216,7 @@ def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
             if m == end:
                 return -1, 0.0
             deepest = min(deepest, gap)
-            na[m], nb[m], new_corner[m] = a, other[p], 0
+            na[m], nb[m], new_corner[m] = a, other[p], far_pair(gap, k.width)
             m += 1
         if k.wall == 0 or mobile[a] == 0.0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way_a):
             continue
@@ -219,6 +230,12 @@ def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
             na[m], nb[m], new_corner[m] = a, k.n, code
             m += 1
     return m - at, -deepest
+
+
+@lane
+def far_pair(gap: float, width: float) -> int:
+    """1 for a pair that is kept with the far ones."""
+    return 1 if gap > FAR * width else 0
 
 
 @inline
@@ -247,12 +264,12 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
                     or dx * dx + dy * dy > reach * reach):
                 continue
             c[b], s[b] = cos_sin(angle[b])
-            if (pair_gap(dx, dy, c[a], s[a], c[b], s[b], half) > far[a] + far[b]
-                    or has_row(rows, a, near[j], n, ZERO)):
+            gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
+            if gap > far[a] + far[b] or has_row(rows, a, near[j], n, ZERO):
                 continue
             if found == most:
                 return -1
-            insert(rows, found, min(a, near[j]), max(a, near[j]), ZERO)
+            insert(rows, found, min(a, near[j]), max(a, near[j]), far_pair(gap, k.width))
             found += 1
         if k.wall == 0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way[a]):
             continue
@@ -316,9 +333,10 @@ def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
     """Whether there is a row of a mobile tile a and b, at this corner if b is the wall."""
     body, of = rows.body, rows.of
     for p in range(rows.start[a], rows.start[a + 1]):
-        t = U(of[p] // 8) * BODIES + U(of[p] % 8)
+        t = U(of[p] // WIDE) * BODIES + U(of[p] % WIDE)
         if (((body[t] == a and body[t + LANES] == b) or (body[t] == b and body[t + LANES] == a))
-                and (b < n or rows.field[U(of[p] // 8) * BLOCK + U(of[p] % 8) + ID1] == code)):
+                and (b < n or rows.field[U(of[p] // WIDE) * BLOCK + U(of[p] % WIDE) + ID1]
+                     == code)):
             return True
     return False
 
@@ -345,11 +363,12 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
             colour = PAIR_COLOURS + used[a] // (PAIR_BITS + 1)
             used[a] += PAIR_BITS + 1
         else:
-            taken = (used[a] | used[b]) & PAIR_BITS
+            begin = NEAR_COLOURS * rows.corner[i]
+            taken, colour = ((used[a] | used[b]) & PAIR_BITS) >> begin, begin
             while taken & 1:
                 taken >>= 1
                 colour += 1
-            if colour < PAIR_COLOURS:
+            if colour < begin + NEAR_COLOURS:
                 used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
                 used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
             else:
@@ -358,7 +377,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
         fill[colour] += 1
     first[0], in_use = 0, 0
     for q in range(COLOURS):
-        first[q + 1] = first[q] + (fill[q] if q == ALONE else (fill[q] + 7) // 8)
+        first[q + 1] = first[q] + (fill[q] if q == ALONE else (fill[q] + WIDE - 1) // WIDE)
         if fill[q] > 0 and q < ALONE:
             rows.colours[in_use] = q
             in_use += 1
@@ -371,7 +390,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
         empty_block(rows, block, k.n, ZEROED if block < first[PAIR_COLOURS] else BLOCK)
     for i in range(m):
         q = slot[i]
-        block, at = first[q] + fill[q] // 8, fill[q] % 8
+        block, at = first[q] + fill[q] // WIDE, fill[q] % WIDE
         if q == ALONE:
             block, at = first[q] + fill[q], 0
         fill[q] += 1
@@ -417,7 +436,7 @@ def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
         fill[i] = start[i]
     for i in range(m):
         a, b, k = U(ra[i]), U(rb[i]), U(slot[i])
-        row = int(k // BLOCK * U(8) + k % BLOCK)
+        row = int(k // BLOCK * LANES + k % BLOCK)
         if mobile[a] != 0.0:
             of[fill[a]] = row
             fill[a] += 1

@@ -41,10 +41,13 @@ from tbsa.kernels.rows import (
     CHANGE,
     CHUNK,
     COLOURS,
+    COUNT,
+    IDLE,
     LANES,
     PN0,
     PN1,
     PT,
+    WIDE,
     Rows,
 )
 
@@ -54,7 +57,7 @@ LITTLE = 0.5
 # Of the speed of its tiles a row may be left this part; the tolerance at most, and what tiles at
 # rest have at least.
 LEFT = 0.5
-MANY = 2  # rows that are woken by one that has changed, for a block in the time of a row
+MANY = 16 // WIDE  # rows that are woken by one that has changed, for a block in the time of a row
 
 
 @lane
@@ -101,15 +104,15 @@ def scatter(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarra
 
 @inline
 def lane_of(q: int) -> Any:
-    """Where the lane of row q (8 block + lane) begins."""
-    return U(q // 8) * BLOCK + U(q % 8)
+    """Where the lane of row q (WIDE block + lane) begins."""
+    return U(q // WIDE) * BLOCK + U(q % WIDE)
 
 
 @inline
 def gather_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> Any:
-    """The velocities of the bodies of row q (8 block + lane), into its lane, which it returns."""
+    """The velocities of the bodies of row q, into its lane, which it returns."""
     r, body = rows.field, rows.body
-    i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     a, b = U(body[t]), U(body[t + LANES])
     r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
     r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
@@ -120,7 +123,7 @@ def gather_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray
 def scatter_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
     """And back."""
     r, body = rows.field, rows.body
-    i, t = lane_of(q), U(q // 8) * BODIES + U(q % 8)
+    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     a, b = U(body[t]), U(body[t + LANES])
     vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
     vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
@@ -172,27 +175,30 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
         apply_blocks(rows, per_mass, v, mine, last)
         collect(crew)
     for block in range(first[ALONE], first[COLOURS]):
-        k = gather_row(rows, 8 * block, vx, vy, w)
+        k = gather_row(rows, WIDE * block, vx, vy, w)
         push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
-        scatter_row(rows, 8 * block, vx, vy, w)
+        scatter_row(rows, WIDE * block, vx, vy, w)
 
 
 @lane
 def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
     """Solve these blocks of one colour; ``change`` says by how much (m/s) each row did."""
-    r, single = rows.field, rows.single
+    r, single, active = rows.field, rows.single, rows.active
     vx, vy, w = v.vx, v.vy, v.w
     for start in range(begin, last, CHUNK):
-        end = min(start + CHUNK, last)
-        for block in range(start, end):
-            gather(rows, block, vx, vy, w)
-        for block in range(start, end):
-            if single[block] == 0:
-                solve_pairs(r, block, per_mass)
+        m = start
+        for block in range(start, min(start + CHUNK, last)):
+            active[m] = block
+            m += 1 if single[block] != IDLE else 0
+        for j in range(start, m):
+            gather(rows, active[j], vx, vy, w)
+        for j in range(start, m):
+            if single[active[j]] == 0:
+                solve_pairs(r, active[j], per_mass)
             else:
-                solve_mixed(r, U(block) * BLOCK, LANES, per_mass)
-        for block in range(start, end):
-            scatter(rows, block, vx, vy, w)
+                solve_mixed(r, U(active[j]) * BLOCK, LANES, per_mass)
+        for j in range(start, m):
+            scatter(rows, active[j], vx, vy, w)
 
 
 @inline
@@ -214,7 +220,7 @@ def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew
 def sweep_alone(rows: Rows, per_mass: float, v: Bodies) -> None:
     """Solve the rows that are alone in their blocks."""
     for block in range(rows.first[ALONE], rows.first[COLOURS]):
-        solve_row(rows, 8 * block, per_mass, v)
+        solve_row(rows, WIDE * block, per_mass, v)
 
 
 @inline
@@ -294,6 +300,8 @@ def changed(rows: Rows, k: Numbers, begin: int, last: int) -> Any:
     r, hits, little = rows.field, rows.hits, LITTLE * k.tolerance
     many, worst = 0, 0.0
     for block in range(begin, last):
+        if rows.single[block] == IDLE:
+            continue
         o = U(block) * BLOCK
         some = 0
         for i in range(LANES):
@@ -342,25 +350,33 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
                 v: Bodies, little: float) -> Any:
     """One pass over the `size` rows on the list, and the floor below the tiles that they move.
 
-    Friction and normal impulses alternate: a row that has changed is on the next list, too.
-    Returns the length of that, and the largest change (m/s) of a row.
+    All rows are solved before the first of them is asked whether it has changed: a processor
+    begins with the next row while it waits for this one, as long as there is nothing to guess.
+    Friction and normal impulses alternate in a manifold of two points: if it has changed it is on
+    the next list, too.  Returns the length of that, and the largest change (m/s) of a row.
     """
-    body, now, queued, moved = rows.body, rows.now, rows.queued, v.moved
+    body, now, queued, moved, changes = rows.body, rows.now, rows.queued, v.moved, rows.changes
     m = ZERO
     worst = 0.0
     for j in range(size):
         q = now[j]
-        queued[q] = 0
         change = row_change(rows.field, lane_of(q), k, solve_row(rows, q, k.per_mass, v))
+        changes[j] = change
         worst = max(worst, change)
-        if change <= little:
+    for j in range(size):
+        q = now[j]
+        queued[q] = 0
+        if changes[j] <= little:
             continue
-        t = U(q // 8) * BODIES + U(q % 8)
+        t = U(q // WIDE) * BODIES + U(q % WIDE)
+        alone = rows.field[lane_of(q) + COUNT] < 1.5
+        queued[q] = 1 if alone else 0
         for tile in (body[t], body[t + LANES]):
             moved[tile] = 1
             m = queue(rows, v, tile, m)
+        queued[q] = 0 if alone else queued[q]
     for j in range(size):
-        t = U(now[j] // 8) * BODIES + U(now[j] % 8)
+        t = U(now[j] // WIDE) * BODIES + U(now[j] % WIDE)
         for tile in (body[t], body[t + LANES]):
             if moved[tile] == 0:
                 continue
