@@ -56,11 +56,13 @@ class Bodies(NamedTuple):
     floort: np.ndarray
     change: np.ndarray  # by which the floor changed the velocity
     moved: np.ndarray  # int64, scratch: whether something has moved it
+    stirred: np.ndarray  # int64, scratch: a list of those that it has moved
 
 
 def empty_bodies(n: int) -> Bodies:
     """Bodies of `n` tiles and the ground."""
-    return Bodies(*columns(n + 1, [int if f == "moved" else float for f in Bodies._fields]))
+    whole = {"moved", "stirred"}
+    return Bodies(*columns(n + 2, [int if f in whole else float for f in Bodies._fields]))
 
 
 @inline

@@ -130,7 +130,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
     blocks = capacity // int(LANES) + capacity // 16 + 2 * COLOURS
     field = np.zeros(blocks * int(BLOCK) + 8)
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
-    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [WIDE * blocks] * 3, [capacity] * 3,
+    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [WIDE * blocks + 1] * 3, [capacity] * 3,
              [n + 2, 2 * capacity])
     lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
     return Rows._make([

@@ -51,12 +51,13 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
     now, queued = rows.now, rows.queued
     little = LITTLE * k.tolerance
     set_all(v.moved, ZERO)
-    done, whole = -1 - k.passes, True
+    done, whole, listed = -1 - k.passes, True, False
     size = ZERO
     for p in range(k.passes):
         if floor.law == 0 and p == PLAIN:
             return int(hasten(rows, m, k, v, whole, size, crew))
         rows.effort[0] += m
+        listed = not whole
         if whole:
             for j in range(size):
                 queued[now[j]] = 0
@@ -76,7 +77,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
             break
     for j in range(size):
         queued[now[j]] = 0
-    if floor.law != 0:  # last, so that what the floor holds is at rest exactly
+    if floor.law != 0 and listed:  # last, so that what the floor holds is at rest exactly
         sweep_floor(floor, k, c, s, v, crew)
     return done
 

@@ -285,11 +285,11 @@ def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
         return m
     of, then, queued = rows.of, rows.then, rows.queued
     for p in range(rows.start[tile], rows.start[tile + 1]):
-        q = of[p]
-        if queued[q] % 2 == 0:
-            queued[q] += 1
-            then[m] = q
-            m += 1
+        q = U(of[p])
+        # Written in any case and kept by moving on, as no branch can be foreseen.
+        then[m] = of[p]
+        m += 1 - (queued[q] & 1)
+        queued[q] |= 1
     return m
 
 
@@ -350,19 +350,20 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
                 v: Bodies, little: float) -> Any:
     """One pass over the `size` rows on the list, and the floor below the tiles that they move.
 
-    All rows are solved before the first of them is asked whether it has changed: a processor
-    begins with the next row while it waits for this one, as long as there is nothing to guess.
+    All rows are solved before the first of them is asked whether it has changed, and so are all
+    floors: a processor begins with the next one while it waits for this one, as long as there is
+    nothing to guess.
     Friction and normal impulses alternate in a manifold of two points: if it has changed it is on
     the next list, too.  Returns the length of that, and the largest change (m/s) of a row.
     """
-    body, now, queued, moved, changes = rows.body, rows.now, rows.queued, v.moved, rows.changes
-    m = ZERO
+    body, now, queued, changes = rows.body, rows.now, rows.queued, rows.changes
+    moved, stirred, change = v.moved, v.stirred, v.change
+    m, tiles = ZERO, 0
     worst = 0.0
     for j in range(size):
         q = now[j]
-        change = row_change(rows.field, lane_of(q), k, solve_row(rows, q, k.per_mass, v))
-        changes[j] = change
-        worst = max(worst, change)
+        changes[j] = row_change(rows.field, lane_of(q), k, solve_row(rows, q, k.per_mass, v))
+        worst = max(worst, changes[j])
     for j in range(size):
         q = now[j]
         queued[q] = 0
@@ -372,16 +373,18 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
         alone = rows.field[lane_of(q) + COUNT] < 1.5
         queued[q] = 1 if alone else 0
         for tile in (body[t], body[t + LANES]):
+            stirred[tiles] = tile
+            tiles += 1 - moved[tile]
             moved[tile] = 1
             m = queue(rows, v, tile, m)
         queued[q] = 0 if alone else queued[q]
-    for j in range(size):
-        t = U(now[j] // WIDE) * BODIES + U(now[j] % WIDE)
-        for tile in (body[t], body[t + LANES]):
-            if moved[tile] == 0:
-                continue
-            moved[tile] = 0
-            if (floor.law != 0 and tile < k.n
-                    and floor_below(floor.law, tile, floor, k, c, s, v) > little):
-                m = queue(rows, v, tile, m)
+    for j in range(tiles):
+        moved[stirred[j]] = 0
+    if floor.law != 0:
+        for j in range(tiles):  # the ground's is as good as any number
+            i = stirred[j]
+            change[i] = floor_below(floor.law, i, floor, k, c, s, v) if i < k.n else 0.0
+        for j in range(tiles):
+            if change[stirred[j]] > little:
+                m = queue(rows, v, stirred[j], m)
     return m, worst
