@@ -164,6 +164,17 @@ def test_other_engines_get_the_same_tiles(scene):
         assert np.array_equal(getattr(placed, name), getattr(layout, name)), name
 
 
+@pytest.mark.parametrize("part", speed.ABSENT)
+def test_a_scene_without_a_part_goes_on_from_where_it_was(scene, part):
+    small = speed.sized(scene, 40)
+    layout = initial_layout(small)
+    less = speed.without(small, layout, part)
+    assert getattr(less, speed.ABSENT[part]) is None
+    s = Simulation(less, layout)
+    assert (s.x == layout.x).all()
+    s.advance(1)
+
+
 def test_an_evolved_state_is_kept(scene, tmp_path):
     small = speed.sized(scene, 40)
     first = speed.evolved(small, 0.05, tmp_path)

@@ -25,7 +25,7 @@ from tbsa.kernels.jit import ZERO, inline, lane
  TALLY, WORK, BACK, END, DEEP) = (np.int64(i) for i in range(19))
 
 # Ranges shorter than this are not worth the way to another thread: 0.4 us there and back.
-LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = (np.int64(i) for i in (1024, 48, 1024, 8192))
+LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = (np.int64(i) for i in (1024, 96, 1024, 8192))
 LINE = 8  # numbers of a cache line: what two threads write is this far apart
 PATIENCE = 4096  # looks at a number, before another process may have the core
 

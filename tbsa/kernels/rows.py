@@ -74,6 +74,8 @@ FAR = 0.02
 NEAR_COLOURS, WALL_COLOURS = 16, 8
 PAIR_COLOURS = 2 * NEAR_COLOURS
 PAIR_BITS = 2**PAIR_COLOURS - 1
+# The first of eight bits that is not set; 8 where all are.  The colours of a kind are two times eight.
+FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
 ALONE = PAIR_COLOURS + WALL_COLOURS
 COLOURS = ALONE + 1
 # Of the numbers in ``size``: rows that were added within a step, and the substep (h/8) that the
@@ -203,21 +205,22 @@ def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
     m, half, diagonal, deepest = at, 0.5 * k.width, DIAGONAL * k.width, 0.0
     for a in range(first_of(pairs, k.n, me, threads), first_of(pairs, k.n, me + 1, threads)):
         way_a, far_a = way[a], far[a]
+        if m + start[a + 1] - start[a] > end:
+            return -1, 0.0
+        # Written in any case and kept by moving on, as no branch can be foreseen.
+        near = m
         for p in range(start[a], start[a + 1]):
             b = U(other[p])
             dx, dy = x[b] - x[a], y[b] - y[a]
-            margin = far_a + far[b]
             reach = diagonal + way_a + way[b]
-            if dx * dx + dy * dy > reach * reach:
-                continue
-            gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
-            if gap > margin:
-                continue
-            if m == end:
-                return -1, 0.0
+            nb[near] = other[p]
+            near += 1 if dx * dx + dy * dy <= reach * reach else 0
+        for p in range(m, near):
+            b = U(nb[p])
+            gap = pair_gap(x[b] - x[a], y[b] - y[a], c[a], s[a], c[b], s[b], half)
             deepest = min(deepest, gap)
-            na[m], nb[m], new_corner[m] = a, other[p], far_pair(gap, k.width)
-            m += 1
+            na[m], nb[m], new_corner[m] = a, nb[p], far_pair(gap, k.width)
+            m += 1 if gap <= far_a + far[b] else 0
         if k.wall == 0 or mobile[a] == 0.0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way_a):
             continue
         for code in range(8):
@@ -364,10 +367,9 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
             used[a] += PAIR_BITS + 1
         else:
             begin = NEAR_COLOURS * rows.corner[i]
-            taken, colour = ((used[a] | used[b]) & PAIR_BITS) >> begin, begin
-            while taken & 1:
-                taken >>= 1
-                colour += 1
+            taken = (used[a] | used[b]) >> begin
+            colour = begin + (FREE[U(taken & 255)] if taken & 255 != 255
+                              else 8 + FREE[U(taken >> 8 & 255)])
             if colour < begin + NEAR_COLOURS:
                 used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
                 used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
@@ -475,12 +477,17 @@ def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
             r[k + ID0], r[k + ID1] = float(corner[i]), float(corner[i])
         while j < size and (oa[j] < a or (oa[j] == a and (
                 ob[j] < b or (wall and ob[j] == b and oid0[j] < corner[i])))):
-            j += 1
-        if j == size or oa[j] != a or ob[j] != b or (wall and oid0[j] != corner[i]):
+            j += 1  # such a row is no longer there
+        if j == size:
             continue
-        r[k + PN0], r[k + PN1], r[k + PT] = opn0[j], opn1[j], opt[j]
-        if not wall:
-            r[k + ID0], r[k + ID1] = float(oid0[j]), float(oid1[j])
+        known = (oa[j] == a) & (ob[j] == b) & ((not wall) | (oid0[j] == corner[i]))
+        pair = known & (not wall)
+        r[k + PN0] = opn0[j] if known else r[k + PN0]
+        r[k + PN1] = opn1[j] if known else r[k + PN1]
+        r[k + PT] = opt[j] if known else r[k + PT]
+        r[k + ID0] = float(oid0[j]) if pair else r[k + ID0]
+        r[k + ID1] = float(oid1[j]) if pair else r[k + ID1]
+        j += 1 if known else 0
 
 
 @inline
@@ -492,10 +499,8 @@ def remember(rows: Rows, m: int, n: int, store: Impulses) -> None:
     j = 0
     for i in range(m):
         k = U(slot[i])
-        if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:
-            continue
         sa[j], sb[j], sid0[j] = ra[i], rb[i], int(r[k + ID0])
         sid1[j] = -1 if rb[i] == n else int(r[k + ID1])
         spn0[j], spn1[j], spt[j] = r[k + PN0], r[k + PN1], r[k + PT]
-        j += 1
+        j += 1 if (r[k + PN0] != 0.0) | (r[k + PN1] != 0.0) else 0
     store.size[0] = j

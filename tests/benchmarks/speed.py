@@ -155,15 +155,26 @@ def evolved(scene: Scene, seconds: float, folder: Path) -> Layout:
     return found
 
 
-def as_placed(scene: Scene, layout: Layout) -> Scene:
-    """The scene with every tile placed explicitly, as other engines take it, without magnets."""
+def placed(scene: Scene, layout: Layout) -> Scene:
+    """The scene with every tile placed explicitly, where it is."""
     tiles = tuple(
         PlacedTile(scene.types[kind].name, (x, y), angle, (vx, vy), omega, held=held)
         for kind, x, y, angle, vx, vy, omega, held in zip(
             *(getattr(layout, name).tolist() for name in
               ("type", "x", "y", "angle", "vx", "vy", "omega", "held")), strict=True))
-    return replace(scene, seed=None, free=Free((), tiles), magnet=None,
+    return replace(scene, seed=None, free=Free((), tiles))
+
+
+def as_placed(scene: Scene, layout: Layout) -> Scene:
+    """The scene as other engines take it: tile by tile, without magnets."""
+    return replace(placed(scene, layout), magnet=None,
                    solver=replace(scene.solver, step=PEER_STEP, substeps=1))
+
+
+def without(scene: Scene, layout: Layout, part: str) -> Scene:
+    """The scene without one of its parts; without a wall there is nothing to place tiles in."""
+    whole = placed(scene, layout) if ABSENT[part] == "reactor" else scene
+    return replace(whole, **{ABSENT[part]: None})
 
 
 # Measurements.
@@ -270,8 +281,8 @@ def without_rows(arguments: argparse.Namespace) -> list[Row]:
     rows = []
     for name, scene, layout in both(arguments):
         for setting, switches, with_it in settings(scene):
-            for part, field in {"nothing": "", **ABSENT}.items():
-                less = replace(with_it, **{field: None}) if field else with_it
+            for part in ("nothing", *ABSENT):
+                less = with_it if part == "nothing" else without(with_it, layout, part)
                 costs = []
                 for _ in range(REPEATS):
                     s = start(less, layout, arguments.evolve)
@@ -290,13 +301,13 @@ def deleted_rows(arguments: argparse.Namespace) -> list[Row]:
     rows, root = [], Path(tbsa.__file__).parent
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for part, field in ABSENT.items():
+        for part in ABSENT:
             cases = folder / part
             cases.mkdir()
             for scene_name, scene, layout in both(arguments):
                 for setting, switches, with_it in settings(scene):
                     if switches == "on":
-                        less = replace(with_it, **{field: None})
+                        less = without(with_it, layout, part)
                         (cases / f"{scene_name} {setting}").write_bytes(
                             pickle.dumps((less, layout)))
             costs: dict[str, dict[str, list[float]]] = {}
