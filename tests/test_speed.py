@@ -168,6 +168,7 @@ def test_other_engines_get_the_same_tiles(scene):
 def test_a_scene_without_a_part_goes_on_from_where_it_was(scene, part):
     small = speed.sized(scene, 40)
     layout = initial_layout(small)
+    layout.angle[-1] += 40.0 * math.pi  # as one that has turned for a while
     less = speed.without(small, layout, part)
     assert getattr(less, speed.ABSENT[part]) is None
     s = Simulation(less, layout)

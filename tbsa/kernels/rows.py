@@ -74,7 +74,7 @@ FAR = 0.02
 NEAR_COLOURS, WALL_COLOURS = 16, 8
 PAIR_COLOURS = 2 * NEAR_COLOURS
 PAIR_BITS = 2**PAIR_COLOURS - 1
-# The first of eight bits that is not set; 8 where all are.  The colours of a kind are two times eight.
+# The first of eight bits that is not set; 8 where all are.  A kind has two times eight colours.
 FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
 ALONE = PAIR_COLOURS + WALL_COLOURS
 COLOURS = ALONE + 1

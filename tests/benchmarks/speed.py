@@ -155,26 +155,30 @@ def evolved(scene: Scene, seconds: float, folder: Path) -> Layout:
     return found
 
 
-def placed(scene: Scene, layout: Layout) -> Scene:
-    """The scene with every tile placed explicitly, where it is."""
+def as_placed(scene: Scene, layout: Layout) -> Scene:
+    """The scene with every tile placed explicitly, as other engines take it, without magnets."""
     tiles = tuple(
         PlacedTile(scene.types[kind].name, (x, y), angle, (vx, vy), omega, held=held)
         for kind, x, y, angle, vx, vy, omega, held in zip(
             *(getattr(layout, name).tolist() for name in
               ("type", "x", "y", "angle", "vx", "vy", "omega", "held")), strict=True))
-    return replace(scene, seed=None, free=Free((), tiles))
-
-
-def as_placed(scene: Scene, layout: Layout) -> Scene:
-    """The scene as other engines take it: tile by tile, without magnets."""
-    return replace(placed(scene, layout), magnet=None,
+    return replace(scene, seed=None, free=Free((), tiles), magnet=None,
                    solver=replace(scene.solver, step=PEER_STEP, substeps=1))
 
 
 def without(scene: Scene, layout: Layout, part: str) -> Scene:
-    """The scene without one of its parts; without a wall there is nothing to place tiles in."""
-    whole = placed(scene, layout) if ABSENT[part] == "reactor" else scene
-    return replace(whole, **{ABSENT[part]: None})
+    """The scene without one of its parts, for a simulation that begins with this layout.
+
+    Without a wall there is nothing to place random tiles in: they stand in a row, from where the
+    layout takes them to their places.
+    """
+    less = replace(scene, **{ABSENT[part]: None})
+    if less.reactor is not None:
+        return less
+    apart, kinds = 2.0 * scene.material.width, zip(layout.type, layout.held, strict=True)
+    return replace(less, seed=None, free=Free((), tuple(
+        PlacedTile(scene.types[kind].name, (apart * i, 0.0), held=bool(held))
+        for i, (kind, held) in enumerate(kinds))))
 
 
 # Measurements.
