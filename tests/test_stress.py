@@ -85,18 +85,23 @@ def test_the_energy_of_many_magnets_is_the_sum_over_all_pairs():
 @pytest.fixture(scope="module")
 def smooth():
     """Deepest overlap (widths) in half a minute of 36 tiles without friction that their drive
-    spins to hundreds of rad/s, at the recommended settings; six runs."""
+    spins to hundreds of rad/s, at the recommended settings; eight runs."""
     wall = Reactor("circle", 0.237, friction=0.0, restitution=0.2)
     scene = stress.crowd(36, 0.237, drive=Drive("unicycle", 0.082, 0.00493, 1.0),
                          floor=Floor("exact"), material=Material(friction=0.0), wall=wall)
     deepest = []
-    for seed in range(9161, 9167):
+    for seed in range(9161, 9169):
         s = Simulation(replace(scene, solver=Solver(1 / 120, 12, 2e-2), run=Run(10.0, seed),
                                record=Record(1.0, 1.0)))
         s.run(30.0)
         assert np.abs(s.omega).max() > 100
         deepest.append(s.counts.deepest[0] / s.scene.material.width)
     return deepest
+
+
+@pytest.mark.xfail(strict=True, reason="three runs of 48 go beyond; see ARCHITECTURE")
+def test_smooth_tiles_under_a_strong_torque_never_overlap_by_a_fiftieth(smooth):
+    assert max(smooth) < 0.02
 
 
 def test_smooth_tiles_under_a_strong_torque_overlap_by_some_per_cent_at_most(smooth):
