@@ -664,3 +664,105 @@ def test_tiles_that_spin_against_each_other_do_not_sink_in():
         deepest.append(s.counts.deepest[0] / WIDTH)
     assert max(deepest) < 7.5e-3
     assert np.mean(np.array(deepest) > 5e-3) <= 0.02
+
+
+# While forces act.
+
+PUSH = 0.05  # N, towards the wall
+CORNER = {"flat": (0.0, 0.5 * WIDTH), "corner": (0.25 * math.pi, DIAGONAL)}  # angle, reach
+
+
+def fall(shape, height, e, push=PUSH, **solver):
+    """A smooth tile at rest, so far (m) from a wall that it is pushed against."""
+    angle, reach = CORNER[shape]
+    return simulate([tile(0.1 - reach - height, 0.0, angle)], body=material(friction=0.0),
+                    reactor=Reactor("rectangle", width=0.2, height=1.0, friction=0.0,
+                                    restitution=float(e)),
+                    drive=Drive("constant", (push, 0.0)), **solver)
+
+
+def energy_above(s, shape, push=PUSH):
+    """Its energy (J), none where it lies at the wall."""
+    return s.kinetic_energy() + push * (0.1 - CORNER[shape][1] - s.x[0])
+
+
+@pytest.mark.parametrize("shape", CORNER)
+@pytest.mark.parametrize(("step", "substeps"), [(1 / 480, 1), (1 / 480, 4), (1 / 120, 12)])
+def test_an_elastic_tile_bounces_as_high_as_it_was_for_ever(shape, step, substeps):
+    """Some twenty bounces, at any time in a substep."""
+    s = fall(shape, 0.005, 1.0, step=step, substeps=substeps)
+    before = energy_above(s, shape)
+    s.run(2.0)
+    assert s.counts.impacts[0] >= 15
+    assert energy_above(s, shape) == pytest.approx(before, rel=2e-3)
+
+
+@pytest.mark.parametrize("shape", CORNER)
+@pytest.mark.parametrize("e", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("push", [0.05, 0.2])
+def test_a_bounce_under_a_load_has_the_exact_restitution(shape, e, push):
+    """From sqrt(2 E/m) to e sqrt(2 E/m), wherever in a substep it hits."""
+    for height in np.linspace(0.004, 0.005, 8):
+        s = fall(shape, height, e, push, substeps=4)
+        before = energy_above(s, shape, push)
+        s.run(1.2 * math.sqrt(2.0 * height * MASS / push))
+        assert s.counts.impacts[0] > 0
+        assert math.sqrt(energy_above(s, shape, push) / before) == pytest.approx(e, abs=5e-4)
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.5, 1.0])
+def test_what_hits_flat_and_does_not_bounce_lies_where_it_hit(speed):
+    for way in np.linspace(0.01, 0.01 + speed / 480, 7):
+        s = simulate([tile(0.1 - 0.5 * WIDTH - way, 0.0, 0.0, speed)], body=material(friction=0.0),
+                     reactor=Reactor("rectangle", width=0.2, height=1.0, friction=0.0,
+                                     restitution=0.0))
+        s.run(2.0 * way / speed)
+        assert s.vx[0] == pytest.approx(0.0, abs=1e-12)
+        assert 0.1 - 0.5 * WIDTH - s.x[0] == pytest.approx(0.0, abs=2e-5 * WIDTH)
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("solver", [{"step": 1 / 480, "substeps": 4}, {"step": 1 / 480}])
+def test_in_a_row_with_gaps_the_last_one_takes_it_all(gap, solver):
+    """One hit after another, all within a substep; not all at once, as where they touch."""
+    s = simulate([tile(-0.1, vx=0.5), *(tile(i * (WIDTH + gap)) for i in range(4))],
+                 body=material(restitution=1.0, friction=0.0), **solver)
+    s.run(0.4)
+    assert s.vx == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.5], abs=1e-9)
+
+
+def test_a_corner_that_is_near_but_does_not_touch_takes_no_part():
+    """One corner hits the round wall while another is 26 um away, half a substep from its hit."""
+    s = simulate([tile(0.08180912072000873, -0.06414146611297684, 38.60987069555218 - 12 * math.pi,
+                       0.19569697286568066, -0.14344242564882254, -14.667749939424269)],
+                 body=material(friction=0.0),
+                 reactor=Reactor("circle", radius=0.12, friction=0.0, restitution=1.0), substeps=4)
+    before = s.kinetic_energy()
+    s.advance(3)
+    assert s.kinetic_energy() == pytest.approx(before, rel=1e-12)
+    assert s.omega[0] == pytest.approx(11.40816742, rel=1e-7)
+
+
+@pytest.mark.parametrize("offset", [*np.linspace(0.009, 0.011, 9).tolist(), 0.01014657])
+def test_a_flat_hit_across_a_joint_is_one_on_a_smooth_wall(offset):
+    row = [tile(0.0651, k * WIDTH, held=True) for k in range(-4, 5)]
+    s = simulate([tile(0.03, offset, 0.0, 0.5, -1.0), *row],
+                 body=material(friction=0.25, restitution=0.2), substeps=4)
+    s.run(0.02)
+    assert s.vx[0] == pytest.approx(-0.1, abs=1e-9)
+    assert s.vy[0] == pytest.approx(-(1.0 - 0.25 * 1.2 * 0.5), abs=1e-9)
+    assert s.omega[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.06, 0.09])
+def test_what_is_thrown_hits_in_the_same_substep_what_it_lay_far_from(gap):
+    """A tile lies still, `gap` widths from the wall, and is hit at 5 m/s within a step."""
+    for way in np.linspace(0.012, 0.016, 5):
+        x = 0.2 - WIDTH * (0.5 + gap)
+        s = simulate([tile(x), tile(x - WIDTH - way, vx=5.0)],
+                     body=material(friction=0.0, restitution=1.0),
+                     reactor=Reactor("rectangle", width=0.4, height=1.0, friction=0.0,
+                                     restitution=1.0), step=1 / 120, substeps=12)
+        s.run(0.025)
+        assert s.counts.impacts[0] >= 2
+        assert s.counts.deepest[0] < 2e-3 * WIDTH

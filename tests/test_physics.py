@@ -243,6 +243,19 @@ def test_two_tiles_hit_head_on_with_exact_restitution(e, turn):
     assert np.abs(s.omega).max() < 1e-11
 
 
+@pytest.mark.parametrize("tilt", [0.002, 0.01, 0.03])
+def test_a_tile_tips_about_the_corner_that_bears_it(tilt):
+    """It sticks with one corner on the face of a held one; the other point of the manifold is open,
+    and the lever arm of friction is that of the corner: alpha = (r x F)/(I + m w^2/2)."""
+    c, n, half = math.cos(tilt), math.sin(-tilt), 0.5 * WIDTH
+    rx, ry = -half * c + half * n, -half * n - half * c
+    s = simulate([tile(0.05 + rx, half + ry, -tilt), tile(0.05 + half, half, held=True)],
+                 body=material(friction=2.0), drive=Drive("constant", (0.1, 0.12)), step=1 / 3840)
+    s.advance(2)
+    expected = (rx * 0.12 - ry * 0.1) / (INERTIA + 0.5 * MASS * WIDTH**2)
+    assert s.omega[0] / s.time == pytest.approx(expected, rel=5e-4)
+
+
 @pytest.mark.parametrize("e", [0.0, 0.2, 1.0])
 def test_a_tile_bounces_off_a_held_one_with_exact_restitution(e):
     """v' = -e v."""

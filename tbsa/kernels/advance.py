@@ -9,15 +9,15 @@ substeps is odd), each of length P:
 after the forces of the first half, once a step:
 
     lists   near pairs of tiles, likewise
-    rows    which tiles may touch in this step, at their speeds and under these forces; and in
-            its middle what a tile may touch besides that is hit and will come further
+    rows    which tiles may touch in this step, at their speeds and under these forces; and
+            after an impact what a tile may touch besides that it has thrown
 
 and the substeps of a half, of length h:
 
     drift   x += h/2 v                                      to the middle of the substep
     damp    v *= exp(-h/2 c)
     rows    where they touch                                (contacts.py)
-    impacts what hits in this substep, without forces       (impacts.py)
+    impacts what hits in this substep, as fast as it then is (impacts.py)
     kick    v += h F/m
     solve   contacts and floor friction at the velocity level (solver.py)
     damp    v *= exp(-h/2 c)
@@ -76,7 +76,7 @@ from tbsa.kernels.crew import (
 )
 from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, cos_sin
-from tbsa.kernels.impacts import Scratch, impacts
+from tbsa.kernels.impacts import Loads, Scratch, impacts
 from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
 from tbsa.kernels.magnets import (
     MagnetLaw,
@@ -137,6 +137,8 @@ MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 3.0, 0.03, 0.1
 # Up to one tile in so many that comes further than assumed has its rows added; for more, all rows
 # are found anew.
 FEW_TILES = 8
+# What an impact throws may hit, in the same substep, what it had no row with, so many times.
+THROWN = 4
 
 
 class State(NamedTuple):
@@ -345,10 +347,12 @@ def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None
 
 
 @inline
-def assume(k: Numbers, h: float, everyone: bool, x: np.ndarray, y: np.ndarray,
+def assume(k: Numbers, left: float, everyone: bool, x: np.ndarray, y: np.ndarray,
            angle: np.ndarray, work: Work) -> None:
     """How far centre and corners of every tile, or of those marked in ``moved``, may come from
-    here in a time h under the forces of this step, and some more.
+    here in the rest of a step, of this length (s), under its forces, and some more.
+
+    The last substep looks ahead to the middle of the next one, which is in the next step.
 
     A tile that spins stays within its circumscribed circle: its pairs are found by the way of
     the centre alone.
@@ -356,7 +360,7 @@ def assume(k: Numbers, h: float, everyone: bool, x: np.ndarray, y: np.ndarray,
     v, way, far, x0, y0, angle0 = work.bodies, work.way, work.far, work.x0, work.y0, work.angle0
     vx, vy, w, mobile, marked = v.vx, v.vy, v.w, v.mobile, v.moved
     fx, fy, torque = work.fx, work.fy, work.torque
-    corner = 0.7072 * k.width
+    corner, h = 0.7072 * k.width, left + 0.5 * k.h
     fm, fi = 0.5 * h / k.mass, 0.5 * h * corner / k.inertia
     more = 0.5 * NEAR * k.width
     for i in range(U(k.n)):
@@ -374,13 +378,13 @@ def assume(k: Numbers, h: float, everyone: bool, x: np.ndarray, y: np.ndarray,
 
 
 @inline
-def beyond(k: Numbers, time: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+def beyond(k: Numbers, left: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
            work: Work) -> int:
-    """Mark in ``moved`` the tiles that will come further in this time than was assumed: such as
-    lay still, perhaps, and have been hit.  Returns how many there are."""
+    """Mark in ``moved`` the tiles that will come further in the rest of a step than was assumed:
+    such as lay still, perhaps, and have been hit.  Returns how many there are."""
     v, way, far, x0, y0, angle0 = work.bodies, work.way, work.far, work.x0, work.y0, work.angle0
     vx, vy, w, marked = v.vx, v.vy, v.w, v.moved
-    corner = 0.7072 * k.width
+    corner, time = 0.7072 * k.width, left + 0.5 * k.h
     some = 0
     for i in range(U(k.n)):
         dx, dy, turned = x[i] - x0[i], y[i] - y0[i], abs(angle[i] - angle0[i])
@@ -518,11 +522,23 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
 
 
 @lane
-def place_all(k: Numbers, ahead: float, x: np.ndarray, y: np.ndarray, work: Work, begin: int,
-              end: int) -> Any:
+def place_all(k: Numbers, ahead: float, gain: float, x: np.ndarray, y: np.ndarray, work: Work,
+              begin: int, end: int) -> Any:
     """Where the rows of these blocks touch; see `place_rows`."""
-    return place_rows(work.rows, with_substep(k, ahead), x, y, work.c, work.s, work.bodies, begin,
-                      end)
+    return place_rows(work.rows, with_substep(k, ahead), x, y, work.c, work.s, work.bodies, gain,
+                      begin, end)
+
+
+@inline
+def strongest(k: Numbers, floor: FloorLaw, work: Work) -> float:
+    """What forces and floor speed no point of a tile up by more than (m/s^2)."""
+    mobile, fx, fy, torque = work.bodies.mobile, work.fx, work.fy, work.torque
+    corner, most = 0.7072 * k.width, 0.0
+    for i in range(U(k.n)):
+        pull = (k.im * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i])
+                + k.ii * corner * abs(torque[i]))
+        most = max(most, pull if mobile[i] != 0.0 else 0.0)
+    return most + k.im * floor.force + k.ii * corner * floor.torque
 
 
 @inline
@@ -611,11 +627,56 @@ def damping(k: Numbers) -> Any:
     return math.exp(-0.5 * k.h * k.linear_damping), math.exp(-0.5 * k.h * k.angular_damping)
 
 
+@inline
+def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts) -> bool:
+    """Rows that tiles need which an impact has thrown further than was assumed for the rest of the
+    step, of this length (s); whether there are any that they had not got.
+
+    Where they are many, or do not fit, all rows are found anew after the substep.
+    """
+    n, x, y, angle, v = k.n, state.x, state.y, state.angle, work.bodies
+    further = beyond(k, time, x, y, angle, work)
+    if further == 0 or further > max(n // FEW_TILES, 1):
+        return False
+    assume(k, time, False, x, y, angle, work)
+    found = add_rows(work.rows, work.pairs, k, x, y, angle, work.c, work.s, v.mobile, v.moved,
+                     work.way, work.far, widest(n, x, y, work.pairs, work.way))
+    counts.surprises[0] += 1
+    for i in range(n if found < 0 else 0):
+        work.way[i] = -1.0 if v.moved[i] != 0 else work.way[i]
+    return bool(found > 0)
+
+
+@inline
+def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work: Work,
+        counts: Counts) -> int:
+    """Impacts from the middle of a substep on, over a time `ahead` (s), with `left` (s) of the step
+    still to go; returns how many points have hit.
+
+    What has been thrown may reach within the substep what it was too slow for: it gets the rows
+    that it has not got, and what hits there follows, so many times at most.
+    """
+    rows, v, x, y, c, s = work.rows, work.bodies, state.x, state.y, work.c, work.s
+    ka, points = with_substep(k, ahead), 0
+    set_all(work.scratch.since, 0.0)
+    for _ in range(THROWN):
+        points += impacts(rows, ka, loads, v, work.scratch, x, y, state.angle, c, s)
+        blocks = rows.first[COLOURS]
+        if not add_thrown(k, left, state, work, counts):
+            break
+        struck, _ = place_rows(rows, ka, x, y, c, s, v, loads.gain, blocks, rows.first[COLOURS])
+        if struck == 0:
+            break
+    return points
+
+
 @lane  # or it is handed some hundred arguments, of a tile or two as well
-def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow_spin: float,
-            floor: FloorLaw, state: State, work: Work, counts: Counts) -> float:
+def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull: float,
+            slow: float, slow_spin: float, floor: FloorLaw, state: State, work: Work,
+            counts: Counts) -> float:
     """A substep of length kh.h, so many eighths of k.h, from whose middle a time `ahead` counts
-    for what may touch.
+    for what may touch; with `left` (s) of the step to go when it begins, and nothing sped up by
+    more than `pull` (m/s^2).
 
     Damping leaves `slow` and `slow_spin` of velocities in half of it.  Returns the deepest overlap
     (m).
@@ -625,7 +686,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow
                                    work.crew)
     m, overlap = rows.size[0], 0.0
     numbers = crew.numbers
-    numbers[0], numbers[1], numbers[2], numbers[3] = h, ahead, slow, slow_spin
+    gain = 2.0 * pull * h * ahead
+    numbers[0], numbers[1], numbers[2], numbers[3], numbers[4] = h, ahead, slow, slow_spin, gain
     counts.substeps[0] += 1
     counts.joined[0] += max(ticks // TICKS - 1, 0)
     counts.rows[0] += m
@@ -640,7 +702,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow
     if m > 0:
         blocks = rows.first[COLOURS]
         low, high = give(crew, PLACE, ZERO, blocks, LEAST_BLOCKS)
-        struck, overlap = place_all(k, ahead, x, y, work, low, high)
+        struck, overlap = place_all(k, ahead, gain, x, y, work, low, high)
         collect(crew)
         for other in range(1, crew.size if high < blocks else 1):
             struck += crew.found[other * LINE]
@@ -648,8 +710,10 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, slow: float, slow
         note_overlap(overlap, k.width, ticks, counts)
         last[2] = 0
         if struck > 0:
-            last[2] = impacts(rows, with_substep(k, ahead), v, work.scratch, x, y, angle, c, s)
+            loads = Loads(h, gain, work.fx, work.fy, work.torque, floor)
+            last[2] = hit(k, ahead, left - 0.5 * h, loads, state, work, counts)
             counts.impacts[0] += last[2]
+            m = rows.size[0]
     else:
         counts.overlap[0] += ticks
         last[2] = 0
@@ -708,6 +772,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     for step in range(steps):
         left = all_ticks
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
+        late = rows.size[LATE]
         for part in range(parts):
             if magnetic:
                 error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
@@ -718,15 +783,17 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                         0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle,
                         work)
             counts.magnet_pairs[0] += work.magnets.size[0]
+            hardest = strongest(k, floor, work)
             end = left - all_ticks // parts
             while left > end:
                 if further > 0:
                     error, found = update_rows(k, reach, left, further, tiles, state, work, counts)
+                    overlap = found if found >= 0.0 else overlap
+                if further > 0 or rows.size[LATE] > late:
                     if error == OK and too_fast(n, 0.5 * k.width / k.h, rows, v):
                         error = TOO_FAST
                     if error != OK:
                         break
-                    overlap = found if found >= 0.0 else overlap
                     wanted = ticks_at(k, rows, x, y, v,
                                       last[0] <= FEW and overlap <= CALM * k.width)
                 # What has just hit is where it is to be only after the time that was foreseen.
@@ -740,8 +807,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     slow, slow_spin = damping(kh)
                 # From the middle of this substep to that of the next.
                 ahead = 0.5 * (ticks + promised) * tick
-                overlap = substep(k, kh, ticks, ahead, slow, slow_spin, floor, state, work,
-                                  counts)
+                late = rows.size[LATE]
+                overlap = substep(k, kh, ticks, ahead, left * tick, hardest, slow, slow_spin,
+                                  floor, state, work, counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks
@@ -784,8 +852,9 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         what = crew.what[0]
         if what == LEAVE:
             return
-        h, ahead_time, slow, slow_spin = (crew.numbers[0], crew.numbers[1], crew.numbers[2],
-                                          crew.numbers[3])
+        h, ahead_time, slow, slow_spin, gain = (crew.numbers[0], crew.numbers[1],
+                                                crew.numbers[2], crew.numbers[3],
+                                                crew.numbers[4])
         first, last = share(crew, me, crew.what[1], crew.what[2])
         if what == PAIRS:
             crew.found[me * LINE] = pairs_from(
@@ -797,7 +866,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             damp(first, last, slow, slow_spin, v)
             turn(first, last, angle, work.c, work.s)
         elif what == PLACE:
-            struck, deepest = place_all(k, ahead_time, x, y, work, first, last)
+            struck, deepest = place_all(k, ahead_time, gain, x, y, work, first, last)
             crew.found[me * LINE], crew.deepest[me * LINE] = struck, deepest
         elif what == KICK:
             kick(k, h, work.fx, work.fy, work.torque, v, work.shift, first, last)

@@ -203,14 +203,16 @@ def place_block(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
 
 
 @inline
-def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float) -> int:
-    """Effective masses of a block's rows and what closes; returns the points that hit.
+def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float,
+                gain: float) -> int:
+    """Effective masses of a block's rows and what closes; returns the points that may hit.
 
     k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
     or in a row of one point by a unit of friction; ktt: the same for friction; i: inverses, and
     idet that of the 2 x 2 problem, not a number where it has none.  `per_mass` is m/I.  A point
-    hits if it closes within h, faster than the threshold, and has not been in contact: points
-    that are pressed together approach by what the last solve left, and leave it to the next.
+    may hit if it comes within `gain` (m), what forces add to its way, of closing within h, faster
+    than the threshold, and has not been in contact: points that are pressed together approach by
+    what the last solve left, and leave it to the next.
     """
     r, per_h = rows.field, 1.0 / h
     o = U(block) * BLOCK
@@ -244,9 +246,9 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h * bend0, per_h * bend1
         r[o + WANT0 + i] = NEVER if none else want(per_h * gap0, bend0)
         r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
-        hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * (vn0 + bend0) < 0.0)
+        hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * (vn0 + bend0) < gain)
                 & (r[o + WARM0 + i] == 0.0))
-        hit1 = (two & (vn1 < -threshold) & (gap1 + h * (vn1 + bend1) < 0.0)
+        hit1 = (two & (vn1 < -threshold) & (gap1 + h * (vn1 + bend1) < gain)
                 & (r[o + WARM1 + i] == 0.0))
         perhaps = ((r[o + HIT + i] != 0.0) & (r[o + WARM0 + i] == 0.0)
                    & (r[o + WARM1 + i] == 0.0))
@@ -274,13 +276,13 @@ def deepest_gap(rows: Rows, block: int) -> float:
 
 @inline
 def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
-               v: Bodies, begin: int, last: int) -> Any:
+               v: Bodies, gain: float, begin: int, last: int) -> Any:
     """Where the rows of these blocks touch now, and what they weigh: `place_block` and
     `weigh_block`.
 
     CHUNK blocks at a time: they stay in the first-level cache from one loop to the next, and what
-    `look` has written is not read before it has got there.  Returns the number of points that hit,
-    and the deepest overlap (m).
+    `look` has written is not read before it has got there.  Returns the number of points that may
+    hit, and the deepest overlap (m).
     """
     struck, deepest, pairs, per_mass = 0, 0.0, rows.first[PAIR_COLOURS], k.per_mass
     vx, vy, w = v.vx, v.vy, v.w
@@ -295,6 +297,6 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
             for block in range(start, end):
                 place_block(rows, block, k, x, y, c, s, v)
         for block in range(start, end):
-            struck += weigh_block(rows, block, k.h, per_mass, k.threshold)
+            struck += weigh_block(rows, block, k.h, per_mass, k.threshold, gain)
             deepest = min(deepest, deepest_gap(rows, block))
     return struck, -deepest

@@ -80,7 +80,7 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     miss = BLUNT * width - (y1 - y0) if passing else 0.0
     y0, gap0, id0 = (y1 if far0 else y0), (gap1 if far0 else gap0), (id1 if far0 else id0)
     gap1 = gap0 if far1 else gap1
-    depth = half + 0.25 * (gap0 + gap1)  # midway between the face and the edge
+    depth = half + 0.5 * min(gap0, gap1)  # midway between the face and the point that bears
     an0, bn0 = (-y0 if of_a else y0 - y), (y - y0 if of_a else y0)
     an1, bn1 = (-y1 if of_a else y1 - y), (y - y1 if of_a else y1)
     at, bt = (depth if of_a else x - depth), (depth - x if of_a else -depth)

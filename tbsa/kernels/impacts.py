@@ -8,6 +8,11 @@ normal impulse of compression, with friction of its own bound mu times its own i
 pair of problems may gain energy where friction couples points; the decompression of an island
 is then shortened until its kinetic energy does not rise.
 
+Impacts are those of the velocities that tiles have when they meet.  Forces and floor first give a
+tile that nothing bears its gain of the substep (`draw`), so that it goes the way that it would
+without the impact; when it hits, it has the part of the gain that goes with that time (`share`).
+Afterwards the gain is taken back, as the contact solve gives it again.
+
 What would hit if it went on at its present rates, but does not on its arc, is let go; and what
 turns fast may hit with other corners than its row tells of.  What hits one after the other in a
 substep does so in rounds, in the order of time; what does not hit before its end is left to go on
@@ -24,6 +29,7 @@ import numpy as np
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import SPARE, SWEPT, place_block, weigh_block
+from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline
 from tbsa.kernels.routh import routh
@@ -111,16 +117,68 @@ class Scratch(NamedTuple):
     mixed: np.ndarray
     since: np.ndarray  # s, from when in the substep a tile has gone as it goes now
     when: np.ndarray  # s, how far in the substep a tile of an impact has flown on
+    part: np.ndarray  # the share of its gain that it has there
+    gainx: np.ndarray  # m/s, what forces and floor give a tile in the substep
+    gainy: np.ndarray
+    gainw: np.ndarray  # rad/s
+    drawn: np.ndarray  # int64, whether it has been asked for that
+    pulled: np.ndarray  # int64, the tiles that have
     kept: np.ndarray  # a block of which one row is placed again
-    size: np.ndarray  # int64[2], rows and tiles that take part
+    size: np.ndarray  # int64[3], rows and tiles that take part, and tiles that are asked
 
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
-    whole = {"in_it", "tiles", "struck", "island"}
+    whole = {"in_it", "tiles", "struck", "island", "drawn", "pulled"}
     parts = [np.zeros(WIDE * blocks, dtype) for dtype in (np.int64,) * 3 + (np.float64,)]
     parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-2]])
-    return Scratch._make([*parts, np.zeros(int(BLOCK)), np.zeros(2, np.int64)])
+    return Scratch._make([*parts, np.zeros(int(BLOCK)), np.zeros(3, np.int64)])
+
+
+class Loads(NamedTuple):
+    """What acts on the tiles during a substep."""
+
+    h: float  # s, its length
+    gain: float  # m, how much further two tiles may come through it than as they go
+    fx: np.ndarray  # N
+    fy: np.ndarray
+    torque: np.ndarray  # N m
+    floor: FloorLaw
+
+
+@inline
+def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
+         s: np.ndarray, i: int) -> None:
+    """Give tile i, once, what forces and floor give it in the substep if it meets nothing.
+
+    One that is pressed against another gets nothing: what bears it takes that again.
+    """
+    if v.mobile[i] == 0.0 or z.drawn[i] != 0:
+        return
+    z.drawn[i] = 1
+    z.pulled[z.size[2]] = i
+    z.size[2] += 1
+    if pressed(rows, i):
+        return
+    h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
+    tx, ty, tw = (vx + h * im * loads.fx[i], vy + h * im * loads.fy[i],
+                  w + h * ii * loads.torque[i])
+    if floor.law != NONE:
+        px, py, pt, stops, halts = floor_impulse(
+            floor.law, vx, vy, w, tx, ty, tw, 1.0 / im, 1.0 / ii, floor.force * h,
+            floor.torque * h, c[i], s[i])
+        tx, ty = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
+        tw = 0.0 if halts else tw + ii * pt
+    z.gainx[i], z.gainy[i], z.gainw[i] = tx - vx, ty - vy, tw - w
+    v.vx[i], v.vy[i], v.w[i] = tx, ty, tw
+
+
+@inline
+def share(v: Bodies, z: Scratch, i: int, part: float) -> None:
+    """Give a body this part of its gain, besides."""
+    v.vx[i] += part * z.gainx[i]
+    v.vy[i] += part * z.gainy[i]
+    v.w[i] += part * z.gainw[i]
 
 
 @inline
@@ -168,16 +226,24 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
 
 
 @inline
+def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
+    """Whether a point, with `part` of its gain besides, hits: bounces slower than what forces give
+    in a substep are not told from a contact."""
+    return gain == 0.0 or vn + part * gain < -max(k.threshold, abs(gain))
+
+
+@inline
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-            y: np.ndarray, angle: np.ndarray, begin: float) -> Any:
+            y: np.ndarray, angle: np.ndarray, h: float, begin: float) -> Any:
     """When and where the bodies of a row that hits meet, both flying on; not before `begin` (s).
 
     The row tells of the face that is nearest now, going on at its present rates; here the bodies
     go along their arcs, and another face may come between.  Time goes on by as much as no corner
     surely needs to reach the face that keeps the bodies apart (conservative advancement, of
-    second order), up to the meeting, or the end of the substep.  Returns ``(how, (time, n_x, n_y,
-    an, bn, at, bt, of_a))``, time in s from now, and whether the face is one of a's; how: ALONE one
-    point meets, TOGETHER two, or one and another that rests there, LATER nothing in this substep.
+    second order), up to the meeting, or the end of the substep, of length `h` (s).  What is slower
+    than the gain of a substep does not hit.  Returns ``(how, (time, n_x, n_y, an, bn, at, bt,
+    of_a))``, time in s from now, and whether the face is one of a's; how: ALONE one point meets,
+    TOGETHER two, or one and another that rests there, LATER nothing in this substep.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
@@ -188,11 +254,13 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     radius = math.sqrt(2.0) * half
     fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
+    gx, gy, ga, gb = (z.gainx[b] - z.gainx[a], z.gainy[b] - z.gainy[a], z.gainw[a], z.gainw[b])
     an, bn, at, bt, of_a = 0.0, 0.0, 0.0, 0.0, False
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
     time, surmised = max(begin, max(z.since[a], z.since[b])), r[i + HIT] < 0.0
     stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
     for _ in range(SEARCH):
+        part = time / h - 0.5
         ca, sa = cos_sin(angle[a] + time * w[a])
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
         # As near as the places themselves are known.
@@ -202,7 +270,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
             an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
             vn = -nx * vx[a] - ny * vy[a] - an * w[a]
-            if gap <= least and vn < stopped:
+            if gap <= least and vn < stopped and fast(k, vn, nx * gx + ny * gy - an * ga, part):
                 return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
             round_wall = k.wall == CIRCLE
             bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
@@ -218,7 +286,12 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             dx, dy, ca, sa, cb, sb, k.width, k.width)
         along = nx * ux + ny * uy
         vn0, vn1 = along + bn0 * w[b] - an0 * w[a], along + bn1 * w[b] - an1 * w[a]
-        first, second = gap0 <= least and vn0 < stopped, gap1 <= least and vn1 < stopped
+        # What is found by another formula below has other rounding.
+        first = gap0 <= 4.0 * least and vn0 < stopped
+        second = gap1 <= 4.0 * least and vn1 < stopped
+        there, gain = first or second, nx * gx + ny * gy
+        first = first and fast(k, vn0, gain + bn0 * gb - an0 * ga, part)
+        second = second and fast(k, vn1, gain + bn1 * gb - an1 * ga, part)
         if count != 0.0 and (first or second):
             an, bn = (an1, bn1) if second else (an0, bn0)
             gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
@@ -233,7 +306,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
             cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped)
         if nearest <= least:  # what passes by a corner is looked at again soon
-            step = max(step, BLUNT * k.width / fastest if count == 0.0 else SAME * k.h)
+            step = max(step, BLUNT * k.width / fastest if count == 0.0
+                       else (SOON if there else SAME) * k.h)
         time += step
         if time > k.h:
             break
@@ -269,7 +343,7 @@ def closing(wa: float, wb: float, vt: float, at: float, bt: float, of_a: bool,
 @inline
 def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch,
                 x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray,
-                meet: Any) -> None:
+                loads: Loads, meet: Any) -> None:
     """Routh's impact at the one point of a row that hits, at its `meeting`.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
@@ -285,7 +359,9 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     a, b = U(body[t]), U(body[t + LANES])
     time, nx, ny, an, bn, at, bt, of_a = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
-    ma, mb = v.mobile[a], v.mobile[b]
+    ma, mb, part = v.mobile[a], v.mobile[b], time / loads.h - 0.5
+    share(v, z, a, part)
+    share(v, z, b, part)
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
     ktt = im * (ma + mb) + ii * (ma * at * at + mb * bt * bt)
     knt = ii * (ma * an * at + mb * bn * bt)
@@ -306,6 +382,8 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     vx[b] += mb * im * px
     vy[b] += mb * im * py
     w[b] += turn_b
+    share(v, z, a, -part)
+    share(v, z, b, -part)
     x[a] += time * ma * im * px
     y[a] += time * ma * im * py
     angle[a] -= time * turn_a
@@ -320,16 +398,16 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
     row = WIDE * block + int(lane)
-    place_again(rows, row, k, threshold, v, z, x, y, c, s)
+    place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
     for body_index in (a, b):
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
             if rows.of[p] != row:
-                place_again(rows, rows.of[p], k, threshold, v, z, x, y, c, s)
+                place_again(rows, rows.of[p], k, threshold, loads.gain, v, z, x, y, c, s)
 
 
 @inline
-def place_again(rows: Rows, row: int, k: Numbers, threshold: float, v: Bodies, z: Scratch,
-                x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float, v: Bodies,
+                z: Scratch, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
     """A row from where its tiles are now, and whether it hits at their new velocities.
 
     It is placed with its block, whose other rows, far away perhaps, stay as they are.
@@ -339,7 +417,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, v: Bodies, z
     for i in range(BLOCK):
         kept[i] = r[first + i]
     place_block(rows, block, k, x, y, c, s, v)
-    weigh_block(rows, block, k.h, k.per_mass, threshold)
+    weigh_block(rows, block, k.h, k.per_mass, threshold, gain)
     for field in range(ZERO, BLOCK, LANES):
         for i in range(LANES):
             r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
@@ -372,19 +450,19 @@ def pressed(rows: Rows, tile: int) -> bool:
 
 @inline
 def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float) -> None:
     """Let row q take part in the impact, at its time: without impulses, and its gap may close if it
     hits.
 
-    Where one of them has been thrown before in this substep, its tiles fly on to where they then
-    are, as what was before that is not where it goes.  One that hardly moves by then stays, and so
-    does one that is pressed against another: straight on it would leave it, or sink in.
+    Its tiles fly on to where they then are.  One that hardly moves by then stays, and so does one
+    that is pressed against another: straight on it would leave it, or sink in.  `h` is the length
+    of the substep (s).
     """
     r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
     at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     z.rows[z.size[0]] = q
     z.size[0] += 1
-    thrown, moved = max(z.since[body[t]], z.since[body[t + LANES]]) > 0.0, False
+    moved = False
     for i in (body[t], body[t + LANES]):
         if mobile[i] == 0.0:
             continue
@@ -392,20 +470,22 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             z.in_it[i] = 1
             z.tiles[z.size[1]] = i
             z.size[1] += 1
-            z.ux[i], z.uy[i], z.uw[i], z.when[i] = v.vx[i], v.vy[i], v.w[i], 0.0
-            if (thrown and time * corner_speed(k, v, i) > NOWHERE * k.width
+            z.when[i], z.part[i] = 0.0, time / h - 0.5
+            if (time * corner_speed(k, v, i) > NOWHERE * k.width
                     and (z.since[i] > 0.0 or not pressed(rows, i))):
                 z.when[i] = time
                 x[i] += time * v.vx[i]
                 y[i] += time * v.vy[i]
                 angle[i] += time * v.w[i]
                 c[i], s[i] = cos_sin(angle[i])
+            share(v, z, i, z.part[i])
+            z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
         moved |= z.when[i] > 0.0
     hit, left = r[at + HIT], k.h
     first, second = hit == 1.0 or hit == 3.0, hit >= 2.0
     if moved:
         id0, id1 = r[at + ID0] if first else -2.0, r[at + ID1] if second else -2.0
-        place_again(rows, q, k, k.threshold, v, z, x, y, c, s)
+        place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
         left, least = max(k.h - time, SAME * k.h), 2.0 * NOWHERE * k.width
         gap0, gap1 = r[at + GAP0], r[at + GAP1]
         first = gap0 <= least or r[at + ID0] == id0 or r[at + ID0] == id1
@@ -421,7 +501,8 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
 
 @inline
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-           angle: np.ndarray, c: np.ndarray, s: np.ndarray, size: int, fine: float) -> None:
+           angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float, size: int,
+           fine: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
     Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
@@ -430,7 +511,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known = v.mobile, z.known
-    now, then, rough, near = rows.now, rows.then, ROUGH * k.tolerance, TOUCHING * k.width
+    now, then, rough = rows.now, rows.then, ROUGH * k.tolerance
     for _ in range(k.passes):
         m = 0
         for j in range(size):
@@ -453,10 +534,10 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                     if known[other] == 0:
                         gap = min(r[i + GAP0] + z.when[tile] * r[i + VN0],
                                   r[i + GAP1] + z.when[tile] * r[i + VN1])
-                        if gap > near:
+                        if gap > touching(r, i, k.width):
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
-                        enter(rows, other, k, v, z, x, y, angle, c, s)
+                        enter(rows, other, k, v, z, x, y, angle, c, s, h)
                     known[other] = 2
                     then[m] = other
                     m += 1
@@ -525,10 +606,17 @@ def note_energy(k: Numbers, vx: np.ndarray, vy: np.ndarray, w: np.ndarray, z: Sc
 
 
 @inline
+def touching(r: np.ndarray, i: int, width: float) -> float:
+    """How near the points of the row in lane i are (m) where its tiles touch: exactly, unless they
+    were pressed together, and the last solve has left something."""
+    return float((TOUCHING if r[i + WARM0] + r[i + WARM1] > 0.0 else NOWHERE) * width)
+
+
+@inline
 def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
     """What else a tile meets whose `row` hits: ALONE nothing, before; TOGETHER what it touches and
     does not leave, or hits at the same time; LATER, as it hits something else first."""
-    r, how, near, time = rows.field, ALONE, TOUCHING * k.width, z.time[row]
+    r, how, time = rows.field, ALONE, z.time[row]
     for p in range(rows.start[tile], rows.start[tile + 1]):
         i = lane_of(rows.of[p])
         hits = r[i + HIT] != 0.0
@@ -538,25 +626,42 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
             return LATER
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > k.threshold
                   and (r[i + COUNT] == 1.0 or r[i + VN1] > k.threshold))
-        touches = not hits and min(r[i + GAP0], r[i + GAP1]) < near
+        touches = not hits and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width)
         if (hits and z.time[rows.of[p]] - time <= SAME * k.h) or (touches and not leaves):
             how = TOGETHER
     return how
 
 
 @inline
-def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-            angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> int:
+def beside(rows: Rows, row: int, k: Numbers, mobile: np.ndarray, z: Scratch) -> bool:
+    """Whether a tile of a row that may hit does so with another row at the same time: what comes to
+    lie across the joint of two tiles hits one of these with next to no width."""
+    t = U(row // WIDE) * BODIES + U(row % WIDE)
+    for tile in (rows.body[t], rows.body[t + LANES]):
+        if mobile[tile] == 0.0:
+            continue
+        for p in range(rows.start[tile], rows.start[tile + 1]):
+            other = rows.of[p]
+            if (rows.field[lane_of(other) + HIT] > 0.0
+                    and abs(z.time[other] - z.time[row]) <= SAME * k.h):
+                return True
+    return False
+
+
+@inline
+def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
+            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> int:
     """Impulses of everything that hits in this substep, as marked in ``hit``: in rounds, as what
     is thrown may hit something else, or the same tile with another corner.  Returns the number of
     points that have hit.
 
     The floor's dry friction is a finite force and does nothing in an impact.  Only the rows that
-    an impact reaches are looked at; they are left as they were.
+    an impact reaches are looked at; they are left as they were.  ``since`` says from when in the
+    substep each tile goes as it does: 0, but for what an impact before has thrown.
     """
     r, body, hits, mobile, points = rows.field, rows.body, rows.hits, v.mobile, 0
-    set_all(z.since, 0.0)
     set_all(z.struck, 0)
+    z.size[2] = 0
     for turn in range(1, ROUNDS + 1):
         some, size, more = ZERO, ZERO, ZERO
         for block in range(rows.first[COLOURS]):  # what hits, and when
@@ -566,7 +671,10 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             for i in range(LANES):
                 if r[o + HIT + i] == 0.0:
                     continue
-                how, meet = meeting(rows, block, i, k, v, z, x, y, angle, 0.0)
+                t = U(block) * BODIES + i
+                draw(rows, k, loads, v, z, c, s, body[t])
+                draw(rows, k, loads, v, z, c, s, body[t + LANES])
+                how, meet = meeting(rows, block, i, k, v, z, x, y, angle, loads.h, 0.0)
                 if how == LATER:
                     fly_on(r, o + i, k.h)
                     continue
@@ -581,6 +689,9 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             if r[at + HIT] == 0.0:  # no longer, after another impact
                 continue
             surmised = r[at + HIT] < 0.0
+            if surmised and beside(rows, row, k, mobile, z):
+                fly_on(r, at, k.h)
+                continue
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] != 0.0:
                     how = max(how, LATER if z.struck[tile] == turn
@@ -588,8 +699,8 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
             if how == LATER and turn < ROUNDS:
                 more += 1
             elif how == ALONE or (how == TOGETHER and surmised):
-                _, meet = meeting(rows, block, lane, k, v, z, x, y, angle, z.time[row])
-                lone_impact(rows, block, lane, k, v, z, x, y, angle, c, s, meet)
+                _, meet = meeting(rows, block, lane, k, v, z, x, y, angle, loads.h, z.time[row])
+                lone_impact(rows, block, lane, k, v, z, x, y, angle, c, s, loads, meet)
                 z.struck[body[t]] = z.struck[body[t + LANES]] = turn
                 more += 1
                 points += 1
@@ -600,28 +711,33 @@ def impacts(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.
                 size += 1
                 points += 2 if r[at + HIT] == 3.0 else 1
         if size > 0:
-            together(rows, k, v, z, x, y, angle, c, s, size)
+            together(rows, k, v, z, x, y, angle, c, s, loads, size)
         if size + more == 0:
             break
+    for j in range(z.size[2]):
+        i = z.pulled[j]
+        share(v, z, i, -1.0)
+        z.gainx[i] = z.gainy[i] = z.gainw[i] = 0.0
+        z.drawn[i] = 0
     return points
 
 
 @inline
 def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-             angle: np.ndarray, c: np.ndarray, s: np.ndarray, size: int) -> None:
+             angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, size: int) -> None:
     """Impulses of the `size` rows in ``rows.now``, that hit together, and of what they reach."""
     r, body = rows.field, rows.body
-    set_all(z.size, ZERO)
+    z.size[0] = z.size[1] = 0
     fastest = 0.0
     for j in range(size):
         at = lane_of(rows.now[j])
         fastest = max(fastest, -min(r[at + VN0], r[at + VN1]))
-        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s)
+        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads.h)
         z.known[rows.now[j]] = 2
     fine = min(ROUGH * k.tolerance, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, x, y, angle, c, s, size, fine)
+    settle(rows, k, v, z, x, y, angle, c, s, loads.h, size, fine)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -653,7 +769,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, v, z, x, y, angle, c, s, size, fine)
+        settle(rows, k, v, z, x, y, angle, c, s, loads.h, size, fine)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
@@ -668,27 +784,34 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         r[at + BASE] = r[at + HIT] = 0.0
     for j in range(z.size[1]):
         i = z.tiles[j]
-        z.in_it[i] = 0
         for p in range(rows.start[i], rows.start[i + 1]):
             at = lane_of(rows.of[p])
             if r[at + COUNT] != 0.0:  # bends were those of other spins
                 r[at + BEND0] = r[at + BEND1] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
-    m = 0
     for j in range(z.size[1]):  # and back
         i, time = z.tiles[j], z.when[z.tiles[j]]
+        share(v, z, i, -z.part[i])
         if time > 0.0:
             x[i] -= time * v.vx[i]
             y[i] -= time * v.vy[i]
             angle[i] -= time * v.w[i]
             c[i], s[i] = cos_sin(angle[i])
             z.since[i] = time
-        # A tile that has been thrown may close gaps that were too wide to matter.
-        if time > 0.0 or k.h * corner_speed(k, v, i) > SPARE * k.width:
-            z.tiles[m] = i
-            m += 1
-    for j in range(m):
+    # They hit next what is near, or what they are fast enough for, as they go now.
+    far = SPARE * k.width
+    for j in range(z.size[1]):
         i = z.tiles[j]
+        every = z.when[i] > 0.0 or k.h * corner_speed(k, v, i) > far
         for p in range(rows.start[i], rows.start[i + 1]):
-            place_again(rows, rows.of[p], k, k.threshold + ROUGH * k.tolerance, v, z, x, y, c, s)
+            q = rows.of[p]
+            t = U(q // WIDE) * BODIES + U(q % WIDE)
+            other = body[t + LANES] if body[t] == i else body[t]
+            if z.in_it[other] != 2 and (every or r[lane_of(q) + GAP0] < far
+                                        or r[lane_of(q) + COUNT] != 0.0):
+                place_again(rows, q, k, k.threshold + ROUGH * k.tolerance, loads.gain, v, z, x, y,
+                            c, s)
+        z.in_it[i] = 2  # its rows are done
+    for j in range(z.size[1]):
+        z.in_it[z.tiles[j]] = 0
