@@ -333,6 +333,55 @@ def test_records_beyond_the_checkpoint_are_written_again(scene, whole, tmp_path)
     assert same(folder, shorter) == []
 
 
+READER = """
+import sys
+import tbsa
+run = tbsa.read_run(sys.argv[1])
+print(len(run.time), flush=True)
+sys.stdin.readline()
+print(run.x[:].sum(), flush=True)
+"""
+
+
+def test_who_reads_records_is_not_killed_when_the_run_goes_on(scene, whole, tmp_path, monkeypatch):
+    """A page of a mapped file that is no longer there is a SIGBUS."""
+    folder = tmp_path / "behind"
+    records.run(lasting(scene, 1.0), folder)
+    shutil.copy(whole / "records.npy", folder)  # as a kill leaves it
+    inode = (folder / "records.npy").stat().st_ino
+    with subprocess.Popen([sys.executable, "-c", READER, folder], cwd=ROOT, text=True,
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) as reader:
+        assert reader.stdout.readline() == "7\n"
+        assert not interrupted(scene, folder, 1.2, monkeypatch, resume=True).finished
+        assert len(tbsa.read_run(folder).time) == 3  # what the header says
+        out, _ = reader.communicate("go on\n")
+    assert reader.returncode == 0
+    assert float(out) == tbsa.read_run(whole).x[:].sum()
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+    assert (folder / "records.npy").stat().st_ino == inode  # that of the lock
+
+
+def test_what_cannot_be_opened_is_not_called_damaged(whole):
+    for name in ("checkpoint.npz", "records.npy", "layout.npz", "run.json"):
+        (whole / name).rename(whole / "aside")
+        (whole / name).symlink_to(name)
+        with pytest.raises(InputError, match=rf"{name}: cannot be read: Too many levels"):
+            records.run(load(whole / "scene.toml"), whole, resume=True)
+        (whole / "aside").rename(whole / name)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_full_disk_at_the_first_bytes_names_the_file(scene, whole, tmp_path, monkeypatch, resume):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(records._Writer, "_header", full)
+    folder = whole if resume else tmp_path / "new"
+    with pytest.raises(OSError, match=r"No space left on device: '.*records\.npy'"):
+        records.run(lasting(scene, 4.0), folder, resume=resume)
+
+
 # ---------------------------------------------------------------------------------------------
 # What a folder holds.
 
@@ -404,9 +453,36 @@ def test_another_interval_of_records_cannot_be_resumed(scene, whole):
     before = [(whole / name).read_bytes() for name in FILES]
     for interval in (0.25, 1.0):
         other = replace(lasting(scene, 4.0), record=Record(interval, 1.0))
-        with pytest.raises(InputError, match=r"record\.interval has to stay"):
+        with pytest.raises(InputError, match=rf"record\.interval: {interval} s must stay 0\.5 s"):
             records.run(other, whole, resume=True)
     assert [(whole / name).read_bytes() for name in FILES] == before
+
+
+@pytest.mark.parametrize("noted", [True, False])
+@pytest.mark.parametrize("interval", [0.25, 1.0, 2.0])
+def test_another_interval_costs_no_records_where_the_checkpoint_has_seen_but_one(
+        scene, tmp_path, monkeypatch, interval, noted):
+    """Also where the folder's own scene has been edited, and in a folder that has it there only."""
+    folder = tmp_path / "run"
+    scene = replace(scene, record=Record(0.5, 2.0))
+    interrupted(scene, folder, 0.1, monkeypatch)
+    early = [(folder / name).read_bytes() for name in ("checkpoint.npz", "run.json")]
+    assert not interrupted(scene, folder, 1.6, monkeypatch, resume=True).finished
+    for name, data in zip(("checkpoint.npz", "run.json"), early, strict=True):
+        (folder / name).write_bytes(data)  # as a kill at 1.6 s leaves them
+    other = replace(scene, record=Record(interval, 2.0))
+    if noted:
+        (folder / "scene.toml").write_text(tbsa.dumps(other))
+    else:
+        info = json.loads((folder / "run.json").read_text())
+        info.pop("interval", None)
+        (folder / "run.json").write_text(json.dumps(info))
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert len(tbsa.read_run(folder).time) == 4
+    with pytest.raises(InputError, match=r"record\.interval: .* must stay 0\.5 s"):
+        records.run(other, folder, resume=True)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert records.run(scene, folder, resume=True).finished
 
 
 DRIVE = """

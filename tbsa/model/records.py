@@ -9,7 +9,8 @@ A run's folder holds
     checkpoint.npz  all that the next step needs
 
 Every file is replaced atomically, except that ``records.npy`` grows by appending: an entry
-counts once the header says so, and a resumed run cuts off what its checkpoint has not seen.
+counts once the header says so, and a resumed run writes over what its checkpoint has not seen.  The
+file is only made shorter at the end of a run: somebody may be reading the entries.
 """
 
 from __future__ import annotations
@@ -36,7 +37,16 @@ from numpy.typing import NDArray
 from tbsa.errors import InputError
 from tbsa.kernels.advance import MORE_ROWS
 from tbsa.model.layout import Layout
-from tbsa.model.scene import Scene, dumps, engine_path, fingerprint, load, tile_count
+from tbsa.model.scene import (
+    Record,
+    Scene,
+    dumps,
+    engine_path,
+    fingerprint,
+    load,
+    read_toml,
+    tile_count,
+)
 from tbsa.model.simulation import Simulation
 
 FORMAT = 2
@@ -162,13 +172,27 @@ def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
     write_atomically(path, buffer.getvalue())
 
 
+def _check_readable(path: Path, missing: str) -> None:
+    """A file can be opened: what then goes wrong lies in its bytes.
+
+    Raises
+    ------
+    InputError
+        Where it cannot; where it is not there, with `missing`.
+    """
+    try:
+        open(path, "rb").close()
+    except FileNotFoundError:
+        raise InputError(missing, file=str(path)) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=str(path)) from None
+
+
 def _read_arrays(path: Path, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    _check_readable(path, "is missing: not the folder of a run, or one that never began")
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
-    except FileNotFoundError:
-        raise InputError("is missing: not the folder of a run, or one that never began",
-                         file=str(path)) from None
     except Exception as error:  # a damaged zip raises whatever its bytes happen to mean
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     missing = [name for name in needed if name not in arrays]
@@ -183,14 +207,19 @@ def _frame(n: int) -> np.dtype[Any]:
 
 
 class _Writer:
-    """Appends entries to records.npy; the header is rewritten in place after each."""
+    """Appends entries to records.npy; the header is rewritten in place after each.
+
+    Of a file that is gone on with the first `keep` entries count.  Those behind them stay until
+    they are written over: who has mapped the file and read them when they are gone is killed.
+    """
 
     def __init__(self, path: Path, n: int, keep: int) -> None:
         self.path, self.dtype, self.count = path, _frame(n), keep
-        self.file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115
-        self._header()
-        self.begin = self.file.tell()
-        self.file.truncate(self.begin + keep * self.dtype.itemsize)
+        with naming(path):
+            self.file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115
+            self._header()
+            self.begin = self.file.tell()
+            self.file.flush()
 
     def _header(self) -> None:
         # NumPy pads the header so that the first axis can grow in place.
@@ -211,6 +240,11 @@ class _Writer:
             self.count += 1
             self._header()
             self.file.flush()
+
+    def cut(self) -> None:
+        """Take away what is behind the entries, of a run that had come further and was killed."""
+        with naming(self.path):
+            self.file.truncate(self.begin + self.count * self.dtype.itemsize)
 
     def sync(self) -> None:
         with naming(self.path):
@@ -307,7 +341,9 @@ def _read_info(folder: Path) -> dict[str, Any]:
     except (FileNotFoundError, NotADirectoryError):
         raise InputError("is not the folder of a run: it has no run.json",
                          file=str(folder)) from None
-    except (OSError, ValueError, RecursionError) as error:
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=str(path)) from None
+    except (ValueError, RecursionError) as error:
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     if not isinstance(info, dict) or info.get("format") != FORMAT:
         raise InputError(f"must be {FORMAT}: not written by this version of tbsa", file=str(path),
@@ -336,10 +372,9 @@ def _read_layout(folder: Path, scene: Scene) -> Layout:
 
 def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
     """The entries of a records file, checked against the layout that it must begin with."""
+    _check_readable(path, "is missing")
     try:
         data = np.load(path, mmap_mode="r", allow_pickle=False)
-    except FileNotFoundError:
-        raise InputError("is missing", file=str(path)) from None
     except Exception as error:  # as in _read_arrays
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     n = layout.x.size
@@ -354,13 +389,30 @@ def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
     return data
 
 
+def _check_interval(folder: Path, info: dict[str, Any], scene: Scene) -> None:
+    """The records of a run that goes on come as often as before.
+
+    Those after its checkpoint are written again, and would be lost at other times.
+    """
+    was = info.get("interval")
+    if was is None:  # written before run.json had it
+        was = read_toml(folder / "scene.toml").get("record", {}).get("interval", Record.interval)
+    if not isinstance(was, int | float):
+        raise InputError("is damaged: must be a float", file=str(folder / "run.json"),
+                         field="interval", value=was)
+    if not abs(was - scene.record.interval) < 0.5 * scene.solver.step:
+        raise InputError(f"s must stay {was!r} s, as in the records of {folder}",
+                         file=scene.file or None, field="record.interval",
+                         value=scene.record.interval)
+
+
 def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> None:
     """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s."""
     data = _read_records(path, layout)
     if data.size < keep or not np.allclose(data["time"][:keep], interval * np.arange(keep),
                                            rtol=1e-12, atol=1e-12 * interval):
         raise InputError(f"must hold {keep} records, one every {interval:g} s, to go on from its "
-                         "checkpoint; record.interval has to stay what it was", file=str(path))
+                         "checkpoint", file=str(path))
     header = np.lib.format.header_data_from_array_1_0(np.empty(0, data.dtype))
     buffer = io.BytesIO()
     np.lib.format.write_array_header_1_0(buffer, header | {"shape": (keep,)})
@@ -526,6 +578,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
                     f"must be {_version()}, this version: another one gives other bits; go on with "
                     "that version, or begin anew in another folder (--out)",
                     file=str(folder / "run.json"), field="version", value=info["version"])
+            _check_interval(folder, info, scene)
             simulation = Simulation(scene, _read_layout(folder, scene), threads=threads)
             load_checkpoint(folder / "checkpoint.npz", simulation, mark)
             earlier = info["wall"]
@@ -587,6 +640,7 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
         info = {
             "format": FORMAT, "version": _version(), "fingerprint": mark, "since": since,
             "time": simulation.time, "finished": simulation.steps >= end,
+            "interval": scene.record.interval,
             "wall": earlier + time.perf_counter() - begin,
             "counts": {k: v[0] if len(v) == 1 else v for k, v in counts.items()},
         }
@@ -613,6 +667,8 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
                 save()
             if progress is not None and progress(simulation, recorded):
                 stop.asked = True
+        if simulation.steps >= end:
+            records.cut()
         save()
     finally:
         with naming(path):
