@@ -807,6 +807,28 @@ def test_what_a_kill_before_the_first_checkpoint_leaves_is_no_obstacle(scene, wh
         path.name for path in whole.iterdir())
 
 
+def test_what_a_killed_process_was_writing_goes_when_the_run_goes_on(
+        scene, whole, tmp_path, monkeypatch):
+    """That of the run's own files, and only where nobody else can be writing them."""
+    folder = tmp_path / "run"
+    interrupted(scene, folder, 1.2, monkeypatch)
+    own = [folder / f".{name}.4711" for name in records.REPLACED]
+    others = [folder / name for name in (".metrics.csv.4711", ".run.json.swp", ".run.json.4711.png",
+                                         ".4711", "run.json.4711", ".notes")]
+    for path in (*own, *others):
+        path.write_bytes(b"half")
+    with pytest.raises(InputError, match=r"must stay 0\.5 s"):  # where it cannot, all stays
+        records.run(replace(scene, record=Record(0.25, 1.0)), folder, resume=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(records, "_flock", lambda _: None)
+        assert not interrupted(scene, folder, 1.4, patch, resume=True).finished
+    assert all(path.exists() for path in (*own, *others))
+    assert records.run(scene, folder, resume=True).finished
+    assert [path for path in own if path.exists()] == []
+    assert all(path.read_bytes() == b"half" for path in others)
+    assert same(folder, whole) == []
+
+
 @pytest.mark.parametrize("name", ["notes.txt", ".notes.txt.12", "metrics.csv"])
 def test_with_anything_else_beside_it_is_left_alone(scene, tmp_path, name):
     folder = tmp_path / "begun"

@@ -53,6 +53,8 @@ FORMAT = 2
 FIELDS = ("x", "y", "angle", "vx", "vy", "omega")
 # Wall time between looks at progress and Ctrl-C (s).
 GLANCE = 0.25
+# A run's own files that are replaced as wholes.
+REPLACED = ("scene.toml", "run.json", "layout.npz", "checkpoint.npz", "drive.py")
 # Counters of what a process has done, not of the run: they differ where a run was broken off.
 OF_PROCESS = ("lists", "magnet_lists", "magnet_pairs")
 
@@ -145,8 +147,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 
 OWN = {  # files that a folder depends on, by the one that tells what it is the folder of
-    "run.json": ("run", ("scene.toml", "run.json", "layout.npz", "records.npy", "checkpoint.npz",
-                         "drive.py")),
+    "run.json": ("run", (*REPLACED, "records.npy")),
     "campaign.json": ("campaign", ("campaign.json", "table.csv", "curves.csv", "wall.csv")),
 }
 
@@ -444,8 +445,10 @@ class Busy(InputError):
 
 @contextlib.contextmanager
 def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool = True
-           ) -> Iterator[None]:
+           ) -> Iterator[bool]:
     """Hold a file locked against other processes; a process that dies lets go of it.
+
+    Gives whether it is.
 
     Parameters
     ----------
@@ -471,7 +474,7 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool =
     except OSError:
         if create:
             raise
-        yield
+        yield False
         return
     try:
         end = time.monotonic() + wait
@@ -484,7 +487,7 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool =
             if time.monotonic() >= end:
                 raise Busy("is in use: another process is at work on it", file=str(path.parent))
             time.sleep(0.05)
-        yield
+        yield held is True
     finally:
         os.close(descriptor)
 
@@ -565,7 +568,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
         except OSError as error:
             raise InputError(f"must be a folder that can be made: {error.strerror}",
                              file=str(folder)) from None
-    with locked(folder / "records.npy", create=not resume, needed=False):
+    with locked(folder / "records.npy", create=not resume, needed=False) as alone:
         if resume:
             info = _read_info(folder)
             if info["fingerprint"] != mark:
@@ -590,7 +593,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
             for path in _check_new(folder, tile_count(scene)):
                 path.unlink(missing_ok=True)
         with interrupts() as stop:
-            return _write_run(folder, simulation, mark, earlier, resume, progress, stop)
+            return _write_run(folder, simulation, mark, earlier, resume, alone, progress, stop)
 
 
 def _check_new(folder: Path, n: int) -> list[Path]:
@@ -604,17 +607,21 @@ def _check_new(folder: Path, n: int) -> list[Path]:
     there = list(folder.iterdir()) if folder.exists() else []
     records = folder / "records.npy"  # the first that a run makes
     begun = records in there and records.stat().st_size <= _frame(n).itemsize + 4096
-    names = ("layout.npz", "checkpoint.npz", "scene.toml", "drive.py", "run.json")
     left = [path for path in there if path != records]
-    # The scratch files of `write_atomically` are `.NAME.PID`.
-    plain = [re.sub(r"^\.(.+)\.\d+$", r"\1", path.name) for path in left]
-    if there and not (begun and all(name in names for name in plain)):
+    if there and not (begun and all((_of_scratch(path) or path.name) in REPLACED
+                                    for path in left)):
         raise InputError("must be a new or an empty folder", file=str(folder))
     return left
 
 
+def _of_scratch(path: Path) -> str:
+    """The file that a scratch file of `write_atomically`, ``.NAME.PID``, was to become; or ""."""
+    found = re.fullmatch(r"\.(.+)\.\d+", path.name)
+    return found[1] if found else ""
+
+
 def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,
-               progress: Callable[[Simulation, bool], object] | None,
+               alone: bool, progress: Callable[[Simulation, bool], object] | None,
                stop: Stop) -> Outcome:
     begin = time.perf_counter()
     scene = simulation.scene
@@ -626,6 +633,9 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
     keep = simulation.steps // every + 1 if resume else 0
     if resume:
         _check_records(path, simulation.layout, keep, every * scene.solver.step)
+        for left in folder.glob(".*.*") if alone else ():  # by one that was killed while it wrote
+            if _of_scratch(left) in REPLACED:
+                left.unlink(missing_ok=True)
     else:
         _write_arrays(folder / "layout.npz",
                       {name: getattr(simulation.layout, name) for name in _LAYOUT})
