@@ -519,6 +519,11 @@ def test_the_bar_looks_at_the_runs_once_a_second(here, whole, monkeypatch):
     assert len(looked) == 2 * len(plan)
 
 
+def test_no_bar_where_stderr_is_closed(here, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", None)
+    assert done("campaign.toml", "out", progress=True).done == 5
+
+
 def test_no_bar_where_it_is_not_wanted(here, capsys):
     done("campaign.toml", "out")
     assert capsys.readouterr().err == ""

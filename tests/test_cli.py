@@ -20,6 +20,7 @@ from malformed import MALFORMED
 
 import tbsa
 from tbsa.model import records, simulation
+from tbsa.work import bench as benches
 from tbsa.work import campaign as campaigns
 from tbsa.work import cli, metrics
 from tbsa.work.cli import main
@@ -220,6 +221,19 @@ def test_the_progress_bar_shows_time_speed_and_size(here, capsys, monkeypatch):
     assert "0/2 s" in err
     assert "2/2 s" in err
     assert re.search(r"\d x real time, \d+ attached", err)
+
+
+def test_with_stderr_closed_there_is_no_bar_and_no_word(run, here, capsys, monkeypatch):
+    monkeypatch.setattr(benches, "bench", lambda *_, **__: [])
+    monkeypatch.setattr(benches, "describe", lambda *_: "recommended")
+    monkeypatch.setattr(sys, "stderr", None)
+    assert main(["run", "scene.toml", "--out", "again"]) == 0
+    assert main(["movie", "run", "--every", "4", "--size", "200"]) == 0
+    assert main(["bench", "scene.toml"]) == 0
+    assert "recommended" in capsys.readouterr().out
+    assert main(["metrics", "nowhere"]) == 2
+    assert capsys.readouterr().out == ""
+    assert sys.stderr is None
 
 
 def test_metrics_prints_and_writes_the_table(run, capsys):

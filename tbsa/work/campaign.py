@@ -30,6 +30,7 @@ import os
 import shutil
 import signal
 import socket
+import sys
 import threading
 import time
 import uuid
@@ -627,7 +628,7 @@ class _Bar:
         self.before = total - waiting
         self.bar = tqdm(
             total=total, initial=self.before + self._under_way({}), smoothing=0.0,
-            disable=None if self.shown else True, dynamic_ncols=True,
+            disable=None if self.shown and sys.stderr is not None else True, dynamic_ncols=True,
             bar_format="{percentage:5.1f} %|{bar}| [{elapsed}<{remaining}{postfix}]")
         return self
 

@@ -36,21 +36,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
         sys.stdout.reconfigure(errors="backslashreplace")
-    arguments = _parser().parse_args(argv)
-    try:
-        _check_out(arguments)
-        code: int = arguments.command(arguments)
-        return code
-    except InputError as error:
-        print(f"tbsa: {_of_option(error, arguments)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:
-        return 1
-    except (OSError, RuntimeError) as error:
-        print(f"tbsa: {error}", file=sys.stderr)
-        return 1
+    with _stderr():
+        arguments = _parser().parse_args(argv)
+        try:
+            _check_out(arguments)
+            code: int = arguments.command(arguments)
+            return code
+        except InputError as error:
+            print(f"tbsa: {_of_option(error, arguments)}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return 130
+        except BrokenPipeError:
+            return 1
+        except (OSError, RuntimeError) as error:
+            print(f"tbsa: {error}", file=sys.stderr)
+            return 1
+
+
+@contextlib.contextmanager
+def _stderr() -> Iterator[None]:
+    """Where it is closed (``2>&-``), one that leads nowhere: a bar fails without, and messages
+    would go to the output."""
+    if sys.stderr is not None:
+        yield
+        return
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):
+        yield
 
 
 def _of_option(error: InputError, arguments: argparse.Namespace) -> str:
