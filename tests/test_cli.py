@@ -146,6 +146,13 @@ def test_run_ends_with_a_summary(here, capsys):
         "checkpoint.npz", "layout.npz", "records.npy", "run.json", "scene.toml"]
 
 
+def test_the_summary_of_a_run_that_went_on_is_of_what_it_did(run, capsys):
+    assert main(["run", "scene.toml", "--out", "run", "--resume", "--duration", "3.5",
+                 "--quiet"]) == 0
+    assert re.match(r"1\.5 s simulated in \d+\.\d s of wall time, from 2 to 3\.5 s\n",
+                    capsys.readouterr().out)
+
+
 def test_seed_and_duration_take_the_place_of_the_scenes(here, capsys):
     assert main(["run", "scene.toml", "--seed", "9", "--duration", "0.5", "--quiet"]) == 0
     found = tbsa.read_run("runs/scene-9")
@@ -163,7 +170,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(here, finished, capsys, monkeypatch)
     assert out == ""
     stopped, command = err.splitlines()[-2:]
     assert re.fullmatch(r"stopped at \d\.\d s and saved; go on with", stopped)
-    assert command == "  tbsa run 'a run/scene.toml' --out 'a run' --resume"
+    assert command == "  tbsa run 'a run/scene.toml' --out 'a run' --duration 1.5 --resume"
     monkeypatch.undo()
     monkeypatch.chdir(here)
     assert main(["run", "a run/scene.toml", "--out", "a run", "--resume", "--quiet"]) == 0

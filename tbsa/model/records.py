@@ -429,6 +429,7 @@ class Outcome:
     finished: bool  # False: interrupted, and saved
     simulation: Simulation
     wall: float  # s, this call
+    begun: float  # s, the simulated time that it went on from
 
 
 @dataclass
@@ -623,7 +624,7 @@ def _of_scratch(path: Path) -> str:
 def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,
                alone: bool, progress: Callable[[Simulation, bool], object] | None,
                stop: Stop) -> Outcome:
-    begin = time.perf_counter()
+    begin, begun = time.perf_counter(), simulation.time
     scene = simulation.scene
     every = round(scene.record.interval / scene.solver.step)
     save_every = every * round(scene.record.checkpoint / scene.record.interval)
@@ -683,7 +684,7 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
     finally:
         with naming(path):
             records.close()
-    return Outcome(simulation.steps >= end, simulation, time.perf_counter() - begin)
+    return Outcome(simulation.steps >= end, simulation, time.perf_counter() - begin, begun)
 
 
 def _write_scene(folder: Path, scene: Scene) -> None:

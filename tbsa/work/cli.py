@@ -261,6 +261,7 @@ def _run(arguments: argparse.Namespace) -> int:
         scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
     again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
+                        *_given("--duration", arguments.duration),
                         *_given("--threads", arguments.threads, 1), "--resume"])
     try:
         with Bar(scene, arguments.quiet) as bar:
@@ -280,7 +281,7 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  {again}",
               file=sys.stderr)
         return 130
-    print(summary(scene, simulation, outcome.wall))
+    print(summary(scene, simulation, outcome.wall, outcome.begun))
     if arguments.report:
         from tbsa.work.report import work
 
@@ -353,8 +354,8 @@ def _cluster(address: str) -> Iterator[Executor]:
         client.close()
 
 
-def summary(scene: Scene, simulation: Simulation, wall: float) -> str:
-    """A few lines on a run that has ended."""
+def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.0) -> str:
+    """A few lines on a run that has ended, and that has gone on from a time (s) for a wall time."""
     from tbsa.work.metrics import assembly
 
     found = assembly(scene, simulation.layout, simulation.x, simulation.y, simulation.angle)
@@ -363,7 +364,8 @@ def summary(scene: Scene, simulation: Simulation, wall: float) -> str:
     width = scene.material.width
     shares = 100 * counts.overlap / max(int(counts.overlap.sum()), 1)
     lines = [
-        f"{simulation.time:g} s simulated in {wall:.1f} s of wall time",
+        f"{simulation.time - begun:g} s simulated in {wall:.1f} s of wall time"
+        + f", from {begun:g} to {simulation.time:g} s" * (begun > 0.0),
         f"assembly {found.size} tiles and {found.total - found.size} of the seed, "
         f"{found.errors} wrong, {found.holes} holes, {found.bonds} bonds",
         f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; beyond 0.1 % in "
