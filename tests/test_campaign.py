@@ -738,6 +738,22 @@ def test_ctrl_c_saves_every_run_and_says_how_to_go_on(here, long, send):
     assert tables("out") == tables(long)
 
 
+def test_ctrl_c_twice_does_not_wait_for_whole_runs_and_says_how_to_go_on(here, long):
+    child = begun(here, "--jobs", "1")
+    until(lambda: under_way("out"))
+    child.send_signal(signal.SIGINT)
+    time.sleep(0.02)  # less than between two looks at the workers
+    child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    said, command = err.splitlines()[-2:]
+    assert re.fullmatch(r"(broken off|stopped and saved, \d runs to go); go on with", said)
+    assert command.endswith(f"campaign.toml --out {here / 'out'} --jobs 1 --resume")
+    assert not list(Path("out/runs").glob("*/*/metrics.csv"))
+    assert done("campaign.toml", "out", resume=True).done == 4
+    assert tables("out") == tables(long)
+
+
 def test_workers_of_a_killed_campaign_save_and_end(here, long):
     child = begun(here, "--jobs", "1")
     until(lambda: under_way("out"))

@@ -536,7 +536,11 @@ def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None
             before = len(todo)
             try:
                 with _pool(executor, min(jobs or cores(), len(todo))) as workers:
-                    _hand_out(workers, todo, ended, session, stop, bar, tables)
+                    try:
+                        _hand_out(workers, todo, ended, session, stop, bar, tables)
+                    except KeyboardInterrupt:  # or the pool would wait for whole runs
+                        session.unlink(missing_ok=True)
+                        raise
                 break
             except BrokenExecutor as error:
                 lives = LIVES if len(todo) < before else lives - 1

@@ -297,27 +297,31 @@ def _campaign(arguments: argparse.Namespace) -> int:
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", arguments.part)
     if match is None:
         raise InputError("must be I/N, I from 1 to N", field="--part", value=arguments.part)
-    with contextlib.ExitStack() as stack:
-        executor = None
-        if arguments.scheduler is not None:
-            if arguments.jobs is not None:
-                raise InputError("must be left out with --scheduler: its workers are its own",
-                                 field="--jobs", value=arguments.jobs)
-            executor = stack.enter_context(_cluster(arguments.scheduler))
-        result = campaign(
-            arguments.config, arguments.out, executor=executor, jobs=arguments.jobs,
-            resume=arguments.resume, part=(int(match[1]), int(match[2])),
-            without=arguments.without, progress=not arguments.quiet)
+    again = shlex.join(["tbsa", "campaign", str(arguments.config), "--out", str(arguments.out),
+                        *_given("--jobs", arguments.jobs),
+                        *_given("--scheduler", arguments.scheduler),
+                        *_given("--part", arguments.part, "1/1"),
+                        *_given("--except", arguments.without), "--resume"])
+    try:
+        with contextlib.ExitStack() as stack:
+            executor = None
+            if arguments.scheduler is not None:
+                if arguments.jobs is not None:
+                    raise InputError("must be left out with --scheduler: its workers are its own",
+                                     field="--jobs", value=arguments.jobs)
+                executor = stack.enter_context(_cluster(arguments.scheduler))
+            result = campaign(
+                arguments.config, arguments.out, executor=executor, jobs=arguments.jobs,
+                resume=arguments.resume, part=(int(match[1]), int(match[2])),
+                without=arguments.without, progress=not arguments.quiet)
+    except KeyboardInterrupt:
+        print(f"broken off; go on with\n  {again}", file=sys.stderr)
+        return 130
     rows = result.table[result.table["status"] == FAILED]
     for name, message in zip(rows["run"], rows["message"], strict=True):
         print(f"tbsa: {name} failed: {message}", file=sys.stderr)
     if result.left:
-        again = ["tbsa", "campaign", str(arguments.config), "--out", str(arguments.out),
-                 *_given("--jobs", arguments.jobs),
-                 *_given("--scheduler", arguments.scheduler),
-                 *_given("--part", arguments.part, "1/1"),
-                 *_given("--except", arguments.without), "--resume"]
-        print(f"stopped and saved, {result.left} runs to go; go on with\n  {shlex.join(again)}",
+        print(f"stopped and saved, {result.left} runs to go; go on with\n  {again}",
               file=sys.stderr)
         return 130
     others = int((result.table["status"] == ELSEWHERE).sum())
