@@ -670,7 +670,8 @@ def test_a_scene_edited_in_the_runs_folder_is_refused(run, here, capsys):
      "--out: 'run/records.npy' must be another file: it is the run's own"),
     (["metrics", "run", "--out", "run/../run/run.json"], "must be another file: it is the run's"),
     (["view", "run", "--every", "0"], "tbsa: --every: 0 must be at least 1"),
-    (["metrics", "run", "--out", "no/where.csv"], "no: is not a folder"),
+    (["metrics", "run", "--out", "no/where.csv"],
+     "tbsa: --out: 'no/where.csv' must be in a folder that exists"),
     (["metrics", "run", "--out", "."], "--out: '.' must be a file, and is a folder"),
     (["metrics", "run", "--out", "/"], "--out: '/' must be a file, and is a folder"),
     (["metrics", "run", "--out", "run"], "--out: 'run' must be a file, and is a folder"),
@@ -736,6 +737,31 @@ def test_a_disk_that_fills_up_later_names_the_file_and_how_to_go_on(here, capsys
 def test_what_may_not_be_written_is_not_drawn(run, here, capsys, monkeypatch, command):
     monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "run")
     assert "must be in a folder that may be written" in refused(capsys, here, command, "run")
+
+
+def test_metrics_are_printed_where_they_may_not_be_written(run, here, capsys, monkeypatch):
+    before = contents(here)
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "run")
+    assert main(["metrics", "run"]) == 2
+    out, err = capsys.readouterr()
+    assert out.split()[:3] == ["time", "size", "total"]
+    assert err == "tbsa: --out: 'run/metrics.csv' must be in a folder that may be written\n"
+    assert "must be in a folder that may be written" in refused(
+        capsys, here, "metrics", "run", "--out", "run/other.csv")
+    assert contents(here) == before
+    assert main(["metrics", "run", "--out", "other.csv"]) == 0
+
+
+@pytest.mark.parametrize("name", ["pipe", "link"])
+def test_whether_it_may_be_written_is_asked_of_what_gets_the_bytes(here, monkeypatch, name):
+    os.mkfifo("pipe")
+    Path("far").mkdir()
+    Path("link").symlink_to("far/file")
+    asked = []
+    monkeypatch.setattr(os, "access", lambda path, mode: asked.append(str(path)))
+    with pytest.raises(tbsa.InputError, match="that may be written"):
+        records.check_may_be_written(Path(name), "--out")
+    assert asked == ["pipe" if name == "pipe" else str(here / "far")]
 
 
 @pytest.mark.parametrize("command", ["metrics", "draw", "movie", "view", "export"])

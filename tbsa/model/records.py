@@ -167,6 +167,27 @@ def check_not_own(path: Path, field: str) -> None:
                              value=str(path))
 
 
+def check_may_be_written(path: Path, field: str) -> None:
+    """A file can be written as :func:`replacing` does, and is none that others depend on.
+
+    Raises
+    ------
+    InputError
+        Where it cannot, as far as can be told beforehand, or is one.
+    """
+    place = Path(os.path.realpath(path)) if path.is_symlink() else path
+    replaced, wrong = not place.exists() or place.is_file(), ""
+    if not place.parent.is_dir():
+        wrong = "must be in a folder that exists"
+    elif place.is_dir():
+        wrong = "must be a file, and is a folder"
+    elif not os.access(place.parent if replaced else place, os.W_OK):
+        wrong = f"must be {'in a folder' if replaced else 'a file'} that may be written"
+    if wrong:
+        raise InputError(wrong, field=field, value=str(path))
+    check_not_own(path, field)
+
+
 def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)

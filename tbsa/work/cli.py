@@ -429,20 +429,18 @@ class Bar:
 
 
 def _metrics(arguments: argparse.Namespace) -> int:
-    from tbsa.model.records import check_not_own, read_run, write_atomically
+    from tbsa.model.records import check_may_be_written, read_run, write_atomically
     from tbsa.work.metrics import table
 
     records = read_run(arguments.run)
+    if arguments.out is not None:
+        check_may_be_written(arguments.out, "--out")
     out = arguments.out or arguments.run / "metrics.csv"
-    if not out.parent.is_dir():
-        raise InputError("is not a folder", file=str(out.parent))
-    if out.is_dir():
-        raise InputError("must be a file, and is a folder", field="--out", value=str(out))
-    check_not_own(out, "--out")
     frame = table(records.scene, records.layout, records.time, records.x, records.y,
                   records.angle)
+    print(frame.to_string(index=False))  # first: it is of use where the file cannot be written
+    check_may_be_written(out, "--out")
     write_atomically(out, frame.to_csv(index=False).encode())
-    print(frame.to_string(index=False))
     print(f"written to {out}")
     return 0
 

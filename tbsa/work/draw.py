@@ -7,7 +7,6 @@ no display and leaves no state behind.  A file appears under its name only when 
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +25,7 @@ from matplotlib.transforms import Affine2D, AffineDeltaTransform
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
-from tbsa.model.records import check_not_own, write_atomically
+from tbsa.model.records import check_may_be_written, write_atomically
 from tbsa.model.scene import EDGES, Scene
 from tbsa.model.squares import lattice
 from tbsa.model.tiles import Growth
@@ -517,13 +516,7 @@ def target(path: str | Path, formats: tuple[str, ...] = FORMATS) -> Path:
     path = Path(path)
     if path.suffix.lower() not in formats:
         raise InputError(f"must end in {', '.join(formats)}", field="path", value=str(path))
-    if not path.parent.is_dir():
-        raise InputError("must be in a folder that exists", field="path", value=str(path))
-    if path.is_dir():
-        raise InputError("must be a file, and is a folder", field="path", value=str(path))
-    if not os.access(path.parent, os.W_OK):
-        raise InputError("must be in a folder that may be written", field="path", value=str(path))
-    check_not_own(path, "path")
+    check_may_be_written(path, "path")
     return path
 
 
