@@ -561,6 +561,16 @@ def test_a_run_that_fails_is_told_of_and_the_others_go_on(failing, capsys):
     assert tables("out") == before
 
 
+@pytest.mark.parametrize("what", ["fx[7] = 1e300 * 1e300", "raise ValueError('boo')"])
+def test_the_table_of_runs_that_fail_does_not_depend_on_how_they_were_cut(
+        failing, monkeypatch, what):
+    Path("burst.py").write_text(BURST.replace("fx[7] = 1e300 * 1e300", what))
+    assert done("campaign.toml", "out").failed == 2
+    monkeypatch.setattr(records, "GLANCE", 1e-5)
+    assert done("campaign.toml", "fine").failed == 2
+    assert tables("fine") == tables("out")
+
+
 def test_what_an_executor_raises_is_a_failed_run(here):
     class Losing(ThreadPoolExecutor):
         def submit(self, function, job):

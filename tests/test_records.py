@@ -7,7 +7,9 @@ import gc
 import json
 import multiprocessing
 import os
+import pickle
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -719,6 +721,24 @@ def test_a_drive_that_is_no_number_is_told_of_as_that(tmp_path):
     scene = driven(tmp_path, DRIVE + "    if t > 0.0051:\n        fx[:] = t * 1e308 * 1e308 * 0\n")
     with pytest.raises(simulation.SimulationError, match="stopped being finite"):
         Simulation(scene).run(1.0)
+
+
+@pytest.mark.parametrize("what", ["fx[:] = t * 1e308 * 1e308 * 0", "raise ValueError('boo')"])
+@pytest.mark.parametrize("steps", [1, 7, 1000])
+def test_the_times_of_an_error_are_those_between_which_it_came(tmp_path, what, steps):
+    s = Simulation(driven(tmp_path, DRIVE + f"    if t > 0.25:\n        {what}\n"))
+    with pytest.raises(simulation.SimulationError) as caught:  # noqa: PT012
+        while True:
+            last = s.time
+            s.advance(steps)
+    found = re.search(r" between t = (\S+) s and (\S+) s", str(caught.value))
+    begin, end = float(found[1]), float(found[2])
+    # Forces are found at a quarter and at three quarters of a step.
+    assert begin == last <= 0.25 < end - 0.25 * s.h
+    assert end <= last + (steps + 0.5) * s.h
+    assert caught.value.reason == str(caught.value).replace(found[0], "")
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (str(again), again.reason) == (str(caught.value), caught.value.reason)
 
 
 def test_a_drive_has_exactly_its_parameters(tmp_path):

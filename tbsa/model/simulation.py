@@ -47,7 +47,14 @@ EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
 
 class SimulationError(RuntimeError):
     """The state stopped being finite, contacts outgrew their space, or the drive raised: what the
-    simulation has come to is not to be trusted, and it does not go on."""
+    simulation has come to is not to be trusted, and it does not go on.
+
+    `reason` is the message without the times that depend on how a run was cut into calls.
+    """
+
+    def __init__(self, message: str, reason: str = "") -> None:
+        super().__init__(message)
+        self.reason = reason or message
 
 
 def floor_limits(scene: Scene) -> tuple[float, float]:
@@ -319,15 +326,16 @@ class Simulation:
             if error in self._capacity and not raised:
                 self._grow(error)
             elif raised or error != core.OK:
-                self._ended = self._why(error, raised, begun)
-                raise SimulationError(self._ended)
+                # Its last step is not done where it was broken off.
+                end = self.time + (self.h if done < part else 0.0)
+                self._ended = self._why(error, raised, f" between t = {begun} s and {end} s")
+                raise SimulationError(self._ended, self._why(error, raised, ""))
 
-    def _why(self, error: int, raised: list[BaseException] | None, begun: float) -> str:
-        """Why a call of `advance` that began at this time (s) is the last one."""
+    def _why(self, error: int, raised: list[BaseException] | None, between: str) -> str:
+        """Why a call of `advance` is the last one; `between` which times is part of the text."""
         if raised:
             return (f"the drive raised {type(raised[0]).__name__} "
-                    f"({' '.join(str(raised[0]).split())}) between t = {begun} s and "
-                    f"{self.time} s")
+                    f"({' '.join(str(raised[0]).split())}){between}")
         if error == core.TOO_FAST:
             near = np.diff(self._work.rows.start[: self.numbers.n + 1]) > 0
             speed = float(np.hypot(self.vx, self.vy)[near].max())
@@ -339,8 +347,8 @@ class Simulation:
         drive = self.scene.drive
         whose = " or what the drive gives is no number" * (
             drive is not None and drive.kind == "user")
-        return (f"positions or velocities stopped being finite before t = {self.time} s; "
-                f"the load is too large for a substep of {self.numbers.h:.3g} s{whose}")
+        return (f"positions or velocities stopped being finite{between}; the load is too large "
+                f"for a substep of {self.numbers.h:.3g} s{whose}")
 
     def run(self, seconds: float) -> None:
         """Advance by a time (s), to the nearest step; what that leaves, the next call adds.

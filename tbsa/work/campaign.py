@@ -493,13 +493,15 @@ def _run(job: Job) -> bool:
 
 
 def _message(error: Exception) -> str:
-    """What went wrong, without names of folders, which differ between machines."""
+    """What went wrong, without names of folders, which differ between machines, and times that
+    differ between calls of one run."""
     if isinstance(error, InputError):
         return error.without_file
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    text = " ".join(str(error).split())
-    return text if isinstance(error, SimulationError) else f"{type(error).__name__}: {text}"
+    if isinstance(error, SimulationError):
+        return error.reason
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _in_pool() -> None:
