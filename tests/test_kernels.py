@@ -364,8 +364,10 @@ def test_no_thread_is_left_behind_where_a_run_cannot_go_on():
     with pytest.raises(SimulationError, match="finite"):
         s.advance(2)
     assert threading.active_count() == before
-    with pytest.raises(InputError, match="at least 1"):
-        Simulation(grid(), threads=0)
+    for wrong in (0, 1.0, "1", np.int64(0)):
+        with pytest.raises(InputError, match="at least 1"):
+            Simulation(grid(), threads=wrong)
+    assert Simulation(grid(), threads=np.int64(1))._threads == 1
 
 
 def test_results_do_not_depend_on_when_the_pair_list_was_built():

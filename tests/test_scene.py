@@ -276,6 +276,37 @@ def test_seed_and_duration_given_to_load_win_over_the_file():
         load(path, seed=-1)
 
 
+def test_numbers_of_numpy_will_do_for_load():
+    path = PAPER_RUNS / "shaking.toml"
+    for seed in (np.int64(7), np.uint8(7)):
+        for duration in (np.int64(12), np.float32(12.0), np.float64(12.0)):
+            run = load(path, seed=seed, duration=duration).run
+            assert run == Run(12.0, 7)
+            assert (type(run.seed), type(run.duration)) in ((int, float), (int, int))
+    with pytest.raises(InputError, match=r"run.seed: -1 must be an integer from 0"):
+        load(path, seed=np.int64(-1))
+
+
+@pytest.mark.parametrize("change", [
+    {"run": Run(1.0, np.int64(3))}, {"material": Material(mass=np.float32(0.016))},
+    {"solver": Solver(keep_lists=np.True_)}, {"magnet": Magnet(mismatch=np.int64(0))},
+    {"seed": Seed(((np.int64(0), 0, "black"),))},
+    {"types": (TileType("black", (np.int64(1), 0, 0, 0), "black"), SETS["chessboard"][1])}])
+def test_a_number_is_not_said_to_have_to_be_what_it_is(change):
+    with pytest.raises(InputError, match=r"must be .*, of Python's own type, not NumPy's$"):
+        replace(parse(GOOD), **change).validate()
+    with pytest.raises(InputError, match=r"free.number: .* of Python's own type, not NumPy's$"):
+        parse({"tiles": {"set": "chessboard"}, "free": {"number": np.int64(4)}})
+
+
+def test_the_name_of_a_file_is_no_scene(tmp_path):
+    for start in (Simulation, lambda scene: run(scene, tmp_path / "run")):
+        for name in ("scene.toml", Path("scene.toml"), None):
+            with pytest.raises(TypeError, match=r"must be a Scene, not \w+: tbsa\.load reads one"):
+                start(name)
+    assert list(tmp_path.iterdir()) == []
+
+
 # --- a scene built in Python keeps to the same rules ---------------------------------------------
 
 

@@ -40,6 +40,7 @@ from tbsa.model.layout import Layout
 from tbsa.model.scene import (
     Record,
     Scene,
+    check_is_scene,
     dumps,
     engine_path,
     fingerprint,
@@ -570,6 +571,8 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
 
     Raises
     ------
+    TypeError
+        Where it is no scene.
     InputError
         Where the scene is not valid, or the folder holds a run already, or a checkpoint that
         cannot be resumed.
@@ -580,6 +583,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     KeyboardInterrupt
         At a second Ctrl-C, or at one during compilation: the last checkpoint stands.
     """
+    check_is_scene(scene)
     scene.validate()
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
     if not resume:

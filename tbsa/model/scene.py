@@ -422,7 +422,28 @@ def _parts(scene: Scene) -> Iterator[tuple[str, Any]]:
 
 def _fail(scene: Scene, name: str, value: Any, message: str) -> NoReturn:
     shown = list(value) if isinstance(value, tuple) else value  # as TOML has it
-    raise InputError(message, file=scene.file or None, field=name, value=shown)
+    raise InputError(message + _kind(value), file=scene.file or None, field=name, value=shown)
+
+
+def _kind(value: Any) -> str:
+    """What may be all that is wrong with a value that looks as it must."""
+    each = value if isinstance(value, tuple | list) else (value,)
+    foreign = any(isinstance(one, np.generic | np.ndarray) and not isinstance(one, float | str)
+                  for one in each)
+    return ", of Python's own type, not NumPy's" if foreign else ""
+
+
+def check_is_scene(scene: object) -> None:
+    """It is a scene, and not the name of its file.
+
+    Raises
+    ------
+    TypeError
+        Where it is not.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, not {type(scene).__name__}: tbsa.load reads one "
+                        "from a file")
 
 
 def _check_structure(scene: Scene, path: str, part: Any) -> None:
@@ -737,7 +758,7 @@ def load(path: str | Path, *, seed: int | None = None, duration: float | None = 
     path
         The file.
     seed, duration
-        Take the place of ``run.seed`` and ``run.duration`` (s) when given.
+        Take the place of ``run.seed`` and ``run.duration`` (s) when given; NumPy's numbers will do.
 
     Raises
     ------
@@ -751,8 +772,10 @@ def of_run(scene: Scene, seed: int | None, duration: float | None) -> Scene:
     """The scene with another ``run.seed`` and ``run.duration`` (s), where they are given."""
     if seed is None and duration is None:
         return scene
-    run = Run(scene.run.duration if duration is None else duration,
-              scene.run.seed if seed is None else seed)
+    given: dict[str, Any] = {"seed": seed, "duration": duration}
+    run = replace(scene.run, **{
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in given.items() if value is not None})
     scene = replace(scene, run=run)
     scene.validate()
     return scene
@@ -926,7 +949,7 @@ class _Reader:
         self.file = file
 
     def fail(self, name: str, value: Any, message: str) -> NoReturn:
-        raise InputError(message, file=self.file or None, field=name, value=value)
+        raise InputError(message + _kind(value), file=self.file or None, field=name, value=value)
 
     def missing(self, name: str, message: str) -> NoReturn:
         raise InputError(message, file=self.file or None, field=name)

@@ -34,7 +34,7 @@ from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.projection import SLOP
 from tbsa.kernels.rows import empty_impulses, empty_rows
 from tbsa.model.layout import Layout, check, initial_layout
-from tbsa.model.scene import Scene, engine_path
+from tbsa.model.scene import Scene, check_is_scene, engine_path
 from tbsa.model.squares import depth, inside, near
 
 Floats = NDArray[np.float64]
@@ -141,10 +141,15 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, layout: Layout | None = None, *, threads: int = 1) -> None:
-        if not isinstance(threads, int) or threads < 1:
+        check_is_scene(scene)
+        try:
+            number = operator.index(threads)
+        except TypeError:
+            number = 0
+        if number < 1:
             raise InputError("must be a whole number, at least 1", field="threads", value=threads)
         scene.validate()
-        self._threads = 1 if config.DISABLE_JIT else threads  # interpreted ones go by turns
+        self._threads = 1 if config.DISABLE_JIT else number  # interpreted ones go by turns
         self.scene = scene
         if layout is not None:
             check(layout, scene)
