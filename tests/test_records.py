@@ -778,6 +778,23 @@ def test_what_is_no_drive_is_refused_in_one_line_before_anything_is_written(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(("line", "words"), [
+    ("fx[0] += plain(t)", r"'plain' is a function that is not comp.* @numba\.njit \(line 10\)"),
+    ("fx[0] += calls(t)", r"'plain' is a function that is not comp.* @numba\.njit \(line 5\)"),
+    ("return 1.0", r"it must not return anything: it adds to fx, fy and torque \(line 10\)"),
+    ("return fx", "it must not return anything"),
+    ("fx[0] += 'a'", r"Numba has no iadd\(float64, Literal\[str\]\(a\)\) \(line 10\)"),
+    ("fx['a'] += 1.0", r"Numba has no getitem\(array\(float64, 1d, C\), .*\) \(line 10\)"),
+    ("fx[0] += time.sleep(1)", r"Unknown attribute 'sleep' .* \(line 10\)"),
+    ("yes = [] if t > 1 else 'a'", r"Cannot unify .*, defined at push\.py \(10\)")])
+def test_what_numba_cannot_compile_is_told_in_one_line_with_its_place(tmp_path, line, words):
+    source = ("import time\nfrom numba import njit\nplain = lambda a: a\n@njit\n"
+              f"def calls(a): return plain(a)\n{DRIVE.lstrip()}    if t > 1.0:\n        {line}\n")
+    with pytest.raises(InputError, match=words) as caught:
+        Simulation(driven(tmp_path, source))
+    assert len(str(caught.value).splitlines()) == 1
+
+
 @pytest.mark.parametrize(("lines", "words"), [
     (("print(t)", "print('a')", "show(t)"), "print"),
     (("fx[0] += np.random.random()", "fx[0] += random.random()"), "use random numbers"),

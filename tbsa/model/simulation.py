@@ -442,7 +442,8 @@ def _engine(scene: Scene) -> tuple[Any, Floats]:
             return drives.engine(function), _guarded(drive.parameters)
         except Exception as error:
             raise InputError(
-                f"cannot be compiled as a drive (see tbsa.kernels.drives): {_reason(error)}",
+                "cannot be compiled as a drive (see tbsa.kernels.drives): "
+                f"{_reason(error, engine_path(scene))}",
                 file=scene.file, field="drive.function", value=drive.function,
             ) from error
     if drive.kind == "constant":
@@ -457,12 +458,23 @@ def _guarded(parameters: tuple[float, ...]) -> Floats:
     return np.array([*parameters, *[math.nan] * 8], float)[: len(parameters)]
 
 
-def _reason(error: Exception) -> str:
-    """What is wrong, of a message of many lines whose first may say in which pass it was."""
-    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+def _reason(error: Exception, path: Path) -> str:
+    """What is wrong with the drive of this file, and in which line, of a message of many lines
+    whose first may say in which pass it was."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error)).replace(str(path), path.name)
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     telling = [line for line in lines if not line.startswith("Failed in nopython mode")]
-    return (telling or lines or [type(error).__name__])[0]
+    reason = (telling or lines or [type(error).__name__])[0]
+    if helper := re.match(r"Untyped global name (.+?): .* <class 'function'>", reason):
+        reason = (f"{helper[1]} is a function that is not compiled: those that a drive calls must "
+                  "be jitted, with @numba.njit")
+    elif re.match(r"No conversion from .* to none for '\$\w*return_value", reason):
+        reason = "it must not return anything: it adds to fx, fy and torque"
+    elif reason.endswith("for signature:"):
+        calls = [line.removeprefix(">>> ") for line in lines if line.startswith(">>> ")]
+        reason = f"Numba has no {', '.join(calls[:1])}"
+    place = re.search(rf'^File ".*{re.escape(path.name)}", line (\d+):', text, re.MULTILINE)
+    return reason if place is None else f"{reason} (line {place[1]})"
 
 
 def _user_function(scene: Scene) -> Callable[..., None]:
