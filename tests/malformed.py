@@ -184,7 +184,7 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "551 must be a whole multiple of 2"),
     ("a number beside counts", TILES + REACTOR + "[free]\nnumber = 2\ncounts = {black = 1}\n",
      "free.number", "2 must be left out where free.counts is given"),
-    ("random tiles without a reactor", TILES + "[free]\nnumber = 10\n", "free.counts",
+    ("random tiles without a reactor", TILES + "[free]\nnumber = 10\n", "free",
      "must be left out without a [reactor]"),
     ("a misspelt array of tiles", TILES + '[[free.tiles]]\ntype = "black"\n', "free.tiles",
      'did you mean "tile"?'),
@@ -435,7 +435,7 @@ CAMPAIGNS: list[tuple[str, str, str, str]] = [
     ("values that do not go together", ONE + 'set = {"record.interval" = 0.7}\n',
      AT + "group[0]", "must be a whole multiple of record.interval"),
     ("tiles that do not fit", ONE + 'set = {"free.number" = 40}\n', AT + "group",
-     "'a' does not make a scene of scene.toml: free.counts: 40 random tiles must fit"),
+     "'a' does not make a scene of scene.toml: free: 40 random tiles must fit"),
     # runs
     ("the same run twice", ONE + 'grid = {"drive.force" = [0.1, 0.2, 0.1]}\n', AT + "group[0]",
      "moves as another run of the group (scene.toml, drive.force = 0.1, seed 1)"),

@@ -196,4 +196,4 @@ def _point(reactor: Reactor, u: Floats, v: Floats) -> tuple[Floats, Floats]:
 
 def _too_many(scene: Scene, wanted: int, reason: str) -> InputError:
     return InputError(f"random tiles must fit into the reactor: {reason}",
-                      file=scene.file or None, field="free.counts", value=wanted)
+                      file=scene.file or None, field="free", value=wanted)

@@ -541,8 +541,9 @@ def _check_names(scene: Scene) -> None:
             _fail(scene, "free.counts", name, "must be counted once")
     random = sum(number for _, number in scene.free.counts)
     if random and scene.reactor is None:
-        _fail(scene, "free.counts", dict(scene.free.counts),
-              "must be left out without a [reactor]: tiles are placed at random inside its wall")
+        # In the file it may be number or counts.
+        _fail(scene, "free", random, "random tiles must be left out without a [reactor]: they are "
+              "placed inside its wall")
     if not (cells or scene.free.tiles or random):
         _fail(scene, "free", 0, "tiles in the scene; must be at least one, in [seed] or [free]")
 
