@@ -1066,7 +1066,7 @@ def test_what_a_table_has_as_done_is_left_out(here, whole, capsys):
     rows[rows["group"] == "map"].to_csv("kept.csv", index=False)
     assert main(["campaign", "campaign.toml", "--out", "out", "--except", "kept.csv"]) == 0
     assert capsys.readouterr().out == (
-        "1 runs done, 0 failed, 4 done elsewhere; table in out/table.csv\n")
+        "1 run done, 0 failed, 4 done elsewhere; table in out/table.csv\n")
     table = pd.read_csv("out/table.csv")
     assert table["status"].tolist() == ["elsewhere"] * 4 + ["done"]
     assert [path.parent.name for path in Path("out/runs").glob("*/*")] == ["other"]

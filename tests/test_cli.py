@@ -334,6 +334,18 @@ def test_check_has_the_force_of_a_bond_that_the_cut_off_leaves(here, capsys):
     assert f"{left:.4g} N between the two magnets of a bond" in out
 
 
+def test_check_has_no_force_of_a_bond_where_no_glue_attracts(here, capsys):
+    types = "".join(f'[[tiles.type]]\nname = "{name}"\nglues = {glues}\ncolour = "red"\n'
+                    for name, glues in (("a", [1, 2, 0, 1]), ("b", [3, 3, 3, 3])))
+    scene = SCENE.replace('[tiles]\nset = "chessboard"\n', types)
+    out = checked(capsys, scene)
+    assert "no glue attracts another: tiles do not bond; what does not attract repels" in out
+    assert "of a bond" not in out
+    out = checked(capsys, scene.replace("[magnet]", "[magnet]\nmismatch = 0"))
+    assert "tiles do not bond; what does not attract does nothing" in out
+    assert "of a bond" in checked(capsys, scene.replace("3, 3]", "3, -2]"))
+
+
 @pytest.mark.parametrize(("law", "drive", "words"), [
     # (F/F_max)^2 + (T/T_max)^2 = 1.37, each below 1
     ("coupled", "unicycle", "torque 0.9 x, both together 1.17 x: they move a lone tile at rest"),

@@ -175,6 +175,11 @@ def test_errors_and_holes_are_marked_in_red_and_named_below(picture):
     assert picture(scene_of(tiles, (*CHESS, impostor), seed)).count(RED) == 0
     seen = picture(scene_of(tiles, (*CHESS, wrong), seed))
     assert seen.at(2 * W + 0.2 * W, W + 0.2 * W) == pytest.approx(RED, abs=0.02)
+    aside = 0.08 * W / math.sqrt(2.0)  # from the middle of a bar, which is red up to 0.07
+    for turn in (1, -1):  # the rim of either bar, and none where they cross
+        assert seen.at(2.2 * W + aside, W + turn * 0.2 * W - turn * aside) == pytest.approx(
+            [1, 1, 1], abs=0.02)
+    assert seen.at(2 * W, W) == pytest.approx(RED, abs=0.02)
     assert "errors 50.0 %" in seen.axes.get_title()
 
 
@@ -191,6 +196,11 @@ def test_the_title_tells_the_time_and_the_axes_are_in_centimetres(picture):
     assert axes.get_title().startswith("t = 3600 s\n2 tiles attached, errors 0.0 %")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (cm)", "y (cm)")
     assert axes.get_xlim() == pytest.approx((-15.3, 15.3))
+
+
+def test_a_single_tile_is_one_tile_attached(picture):
+    seen = picture(scene_of(ATTACHED[:1]))
+    assert seen.axes.get_title().startswith("1 tile attached, errors")
 
 
 def test_the_number_of_artists_does_not_grow_with_the_tiles():

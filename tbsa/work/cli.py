@@ -293,6 +293,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _campaign(arguments: argparse.Namespace) -> int:
     from tbsa.work.campaign import ELSEWHERE, FAILED, campaign
+    from tbsa.work.metrics import number_of
 
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", arguments.part)
     if match is None:
@@ -321,11 +322,11 @@ def _campaign(arguments: argparse.Namespace) -> int:
     for name, message in zip(rows["run"], rows["message"], strict=True):
         print(f"tbsa: {name} failed: {message}", file=sys.stderr)
     if result.left:
-        print(f"stopped and saved, {result.left} runs to go; go on with\n  {again}",
+        print(f"stopped and saved, {number_of(result.left, 'run')} to go; go on with\n  {again}",
               file=sys.stderr)
         return 130
     others = int((result.table["status"] == ELSEWHERE).sum())
-    print(f"{result.done} runs done, {result.failed} failed"
+    print(f"{number_of(result.done, 'run')} done, {result.failed} failed"
           f"{f', {others} done elsewhere' if others else ''}; table in "
           f"{arguments.out / 'table.csv'}")
     return 1 if result.failed else 0
@@ -360,7 +361,7 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.0) -> str:
     """A few lines on a run that has ended, and that has gone on from a time (s) for a wall time."""
-    from tbsa.work.metrics import assembly
+    from tbsa.work.metrics import assembly, number_of
 
     found = assembly(scene, simulation.layout, simulation.x, simulation.y, simulation.angle)
     counts = simulation.counts
@@ -370,8 +371,9 @@ def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.
     lines = [
         f"{simulation.time - begun:g} s simulated in {wall:.1f} s of wall time"
         + f", from {begun:g} to {simulation.time:g} s" * (begun > 0.0),
-        f"assembly {found.size} tiles and {found.total - found.size} of the seed, "
-        f"{found.errors} wrong, {found.holes} holes, {found.bonds} bonds",
+        f"assembly {number_of(found.size, 'tile')} and {found.total - found.size} of the seed, "
+        f"{found.errors} wrong, {number_of(found.holes, 'hole')}, "
+        f"{number_of(found.bonds, 'bond')}",
         f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; beyond 0.1 % in "
         f"{shares[2:].sum():.3g} % of the time, 0.5 % in {shares[3:].sum():.3g} %, "
         f"2 % in {shares[4]:.3g} %",

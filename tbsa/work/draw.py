@@ -36,6 +36,7 @@ from tbsa.work.metrics import (
     Floats,
     Mask,
     assembly,
+    number_of,
     truth_of,
 )
 
@@ -413,18 +414,21 @@ def _labels(
 
 def _marks(ax: Axes, scene: Scene, x: Floats, y: Floats, found: Assembly) -> dict[str, int]:
     """Mark what is wrong, told apart by shape; how many there are of each mark."""
-    arm = 2.0 * CORNERS * [0.42, 0.07]
     shapes = {
-        "error": (found.erroneous, [(arm, np.pi / 4), (arm, -np.pi / 4)]),
-        "wrongly turned": (found.wrongly_turned, [(_ring(32), 0.0)]),
-        "off the lattice": (found.off_lattice, [(_ring(4), 0.0)]),
-        "outside the pattern": (found.outside, [(_ring(3), np.pi / 2)]),
+        "error": (found.erroneous, [
+            (2.0 * CORNERS * [0.42 + rim, 0.07 + rim], turned, colour)
+            for rim, colour in ((0.02, "white"), (0.0, ""))  # a wrong tile may be red itself
+            for turned in (np.pi / 4, -np.pi / 4)]),
+        "wrongly turned": (found.wrongly_turned, [(_ring(32), 0.0, "")]),
+        "off the lattice": (found.off_lattice, [(_ring(4), 0.0, "")]),
+        "outside the pattern": (found.outside, [(_ring(3), np.pi / 2, "")]),
     }
     count = {name: int(tiles.sum()) for name, (tiles, _) in shapes.items()} | {"hole": found.holes}
     for name, (tiles, parts) in shapes.items():
-        for shape, turned in parts:
+        for shape, turned, colour in parts:
             angle = np.full(count[name], turned)
-            _stamp(ax, scene, shape, x[tiles], y[tiles], angle, MARKS[name][0], zorder=4.0)
+            _stamp(ax, scene, shape, x[tiles], y[tiles], angle, colour or MARKS[name][0],
+                   zorder=4.0)
     if scene.seed is not None:
         at = lattice(scene.seed, scene.material.width, *found.hole_sites.T)
         for corner in range(4):  # of the cell only, as the neighbours outline the rest
@@ -503,7 +507,7 @@ def _title(scene: Scene, found: Assembly, time: float | None, metrics: bool) -> 
     """Time and metrics."""
     parts = []
     if metrics and scene.seed is not None:
-        parts.append(f"{found.size} tiles attached")
+        parts.append(f"{number_of(found.size, 'tile')} attached")
         if found.size:
             parts.append(f"errors {found.percent(found.errors):.1f} %")
             parts.append(f"holes {found.percent(found.holes):.1f} %")

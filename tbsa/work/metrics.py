@@ -65,6 +65,11 @@ EDGE_ANGLE = np.array([0.5 * np.pi, 0.0, -0.5 * np.pi, np.pi])  # outward normal
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 
 
+def number_of(count: int, what: str) -> str:
+    """A count and what it counts: 1 tile, 2 tiles."""
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
 @dataclass(frozen=True, eq=False)
 class Assembly:
     """The assembly at one instant.

@@ -205,6 +205,9 @@ def _magnets(scene: Scene) -> list[str]:
     law = Law(magnet.alpha, magnet.beta, cutoff=magnet.cutoff, switch=magnet.switch)
     contact = magnet_force(2 * magnet.inset, law)
     other = "repels" if magnet.mismatch else "does nothing"
+    glues = {glue for kind in scene.types for glue in kind.glues if glue}
+    if not any(-glue in glues for glue in glues):
+        return [f"no glue attracts another: tiles do not bond; what does not attract {other}"]
     return [f"{contact:.4g} N between the two magnets of a bond, none beyond {magnet.cutoff:g} m; "
             f"what does not attract {other}"]
 
