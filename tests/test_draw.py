@@ -9,6 +9,7 @@ import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -105,6 +106,32 @@ def test_a_rectangular_wall_is_a_rectangle(picture):
     assert seen.at(0.095, 0.145) == pytest.approx(to_rgb(pictures.FLOOR), abs=0.01)
     assert seen.at(0.1, 0.0) == pytest.approx(to_rgb(pictures.EDGE), abs=0.05)
     assert seen.axes.get_xlim() == pytest.approx((-10.2, 10.2))
+
+
+@pytest.mark.parametrize(("width", "height"), [(0.4, 0.2), (0.3, 0.3), (0.2, 0.3), (1.2, 0.2)])
+def test_a_picture_has_the_shape_of_the_reactor(picture, width, height):
+    scene = scene_of(reactor=Reactor("rectangle", width=width, height=height))
+    seen = picture(scene, time=1.0)
+    frame = seen.axes.get_window_extent()
+    assert frame.height / frame.width == pytest.approx(height / width, rel=1e-6)
+    tall, wide, _ = seen.pixels.shape
+    assert wide == 1400
+    assert frame.width > 0.8 * wide
+    assert tall - frame.height < 0.2 * wide or width == 1.2  # there must be room for the title
+    title = seen.axes.title.get_window_extent()
+    assert title.y1 <= tall
+
+
+@pytest.mark.parametrize("reactor", [Reactor("rectangle", width=0.3, height=0.2), None])
+def test_the_legend_in_given_axes_covers_no_place_where_a_tile_may_be(reactor):
+    figure = Figure(figsize=(7.2, 7.2))
+    ax = figure.add_axes((0.1, 0.12, 0.85, 0.8))
+    draw(*record(scene_of((PlacedTile("black", (W, W)), PlacedTile("black", (2 * W, 0.0))),
+                          reactor=reactor, seed=Seed(SEED.cells[:2]))), ax=ax)
+    FigureCanvasAgg(figure).draw()
+    box, shown = ax.get_legend().get_window_extent(), ax.get_window_extent()
+    assert 0.0 < box.y0 < box.y1 < min(shown.y0, ax.xaxis.label.get_window_extent().y0)
+    assert 0.0 < box.x0 < box.x1 < figure.bbox.width
 
 
 def test_without_a_wall_the_axes_hold_all_tiles(picture):

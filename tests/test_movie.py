@@ -12,6 +12,7 @@ import gsd.hoomd
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from tbsa.errors import InputError
@@ -20,6 +21,7 @@ from tbsa.model.records import Records
 from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Reactor, Scene, Seed
 from tbsa.work import movie as films
 from tbsa.work.cli import main
+from tbsa.work.draw import draw
 from tbsa.work.export import export
 from tbsa.work.metrics import assembly
 from tbsa.work.movie import movie
@@ -113,6 +115,23 @@ def test_part_of_a_run_is_chosen_by_time_and_by_how_many_records_are_left_out(tm
                                options.get("every", 1))) == list(times)
         assert movie(run, tmp_path / "run.gif", size=200, **options) == len(times)
         assert len(pictures_of(tmp_path / "run.gif")[0]) == len(times)
+
+
+@pytest.mark.parametrize(("width", "height"), [(0.4, 0.2), (0.3, 0.3), (0.25, 0.4), (1.2, 0.2)])
+def test_a_film_has_the_shape_of_the_reactor_and_room_for_its_legend_below(width, height):
+    run = records(Reactor("rectangle", width=width, height=height), count=1)
+    run.x[0, -1], run.y[0, -1], run.angle[0, -1] = 2.0 * W, 0.0, 0.0  # bonded by one edge only
+    (picture,) = films.pictures(run, range(1), 400, False)
+    tall, wide, _ = picture.shape
+    shape = max(height / width, 0.3)
+    assert (tall % 2, wide) == (0, 400)
+    assert tall == pytest.approx(400 * (0.212 + 0.893 * shape), abs=2.0)
+    figure, ax = films._canvas(run.scene, run.x[0], run.y[0], 400)
+    draw(run.scene, run.layout, run.x[0], run.y[0], run.angle[0], ax=ax, time=1.0)
+    FigureCanvasAgg(figure).draw()
+    box = ax.get_legend().get_window_extent()
+    assert 0.0 < box.y0 < box.y1 < ax.get_window_extent().y0
+    assert ax.title.get_window_extent().y1 < tall
 
 
 def test_without_a_reactor_all_pictures_show_the_same_place():

@@ -62,7 +62,12 @@ MARKS = {  # colour and shape in the legend of what is marked
     "off the lattice": ("#7b3294", "D"),
     "outside the pattern": ("#2166ac", "^"),
 }
+# Places of a legend: below all, in a corner that no tile gets to, below the label of the x axis.
 OUTSIDE: dict[str, Any] = {"loc": "outside lower center", "ncols": len(MARKS), "frameon": False}
+CORNER: dict[str, Any] = {"loc": "lower left"}
+BELOW: dict[str, Any] = {
+    "loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.4, "ncols": len(MARKS),
+    "columnspacing": 1.0, "handlelength": 1.0, "frameon": False}
 
 
 class Snapshot(NamedTuple):
@@ -119,7 +124,8 @@ def draw(
         A colour that matplotlib does not know, a path of another ending or in no folder.
     """
     file = None if path is None else target(path)
-    own = Figure(figsize=(7.0, 7.3), layout="constrained") if ax is None else None
+    tall = 7.3 + 5.9 * (aspect(scene, x, y) - 1.0)
+    own = Figure(figsize=(7.0, tall), layout="constrained") if ax is None else None
     panel = own.add_subplot() if own is not None else ax
     assert panel is not None
     record = Snapshot(layout, x, y, angle, time)
@@ -127,7 +133,8 @@ def draw(
     if own is not None:
         own.legend(handles=_handles(count, True), **OUTSIDE)
     elif count:
-        panel.legend(handles=_handles(count, True), loc="lower left", fontsize="small")
+        place = CORNER if has_corner_free(scene) else BELOW
+        panel.legend(handles=_handles(count, True), fontsize="small", **place)
     figure = panel.get_figure(root=True)
     assert figure is not None
     if file is not None:
@@ -494,6 +501,18 @@ def extent(scene: Scene, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     half = [wall.radius] * 2 if wall.shape == "circle" else [wall.width / 2, wall.height / 2]
     high = 1.02 * CM * np.array(half)
     return -high, high
+
+
+def has_corner_free(scene: Scene) -> bool:
+    """Whether no tile gets to the corners of the axes."""
+    return scene.reactor is not None and scene.reactor.shape == "circle"
+
+
+def aspect(scene: Scene, x: Floats, y: Floats) -> float:
+    """Height over width of it, within what makes a picture: more leaves room at the sides."""
+    low, high = extent(scene, x, y)
+    wide, tall = high - low
+    return float(np.clip(tall / wide, 0.3, 2.0))
 
 
 def frame(ax: Axes, scene: Scene, x: Floats, y: Floats) -> None:

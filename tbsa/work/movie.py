@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -23,12 +24,16 @@ from PIL import Image
 
 from tbsa.errors import InputError
 from tbsa.model.records import Records, replacing, write_atomically
-from tbsa.work.draw import MARKS, draw, frame, target
-from tbsa.work.metrics import truth_of
+from tbsa.model.scene import Scene
+from tbsa.work.draw import MARKS, aspect, draw, frame, has_corner_free, target
+from tbsa.work.metrics import Floats, truth_of
 
 FORMATS = (".gif", ".mp4")
 INCHES = 7.2  # of a picture's width: text is to the tiles as it is in `draw`
-TALL = 1.07  # height over width: there is a title above
+# In widths of a picture: where axes begin, their width, and their height if they show a square.
+LEFT, BOTTOM, WIDE, HIGH = 0.1, 0.0749, 0.885, 0.89345
+# Likewise what the title takes above, and a legend below where it must not be in a corner.
+TITLE, LEGEND = 0.10165, 0.035
 LEAST, MOST = 200, 3840  # pixels
 COLOURS = 128  # of a GIF
 
@@ -62,7 +67,7 @@ def movie(
     rate
         Pictures a second.
     size
-        Width of a picture in pixels; it is a little taller.
+        Width of a picture in pixels; its height is that of the reactor's shape, and a title.
     glues
         As in :func:`tbsa.work.draw.draw`.
     progress
@@ -102,11 +107,9 @@ def movie(
 
 def pictures(records: Records, which: Sequence[int], size: int, glues: bool) -> Iterator[Picture]:
     """Records drawn one after the other in the same frame, uint8[height, width, 3]."""
-    wide, tall = (2 * round(0.5 * length) for length in (size, TALL * size))  # MP4 wants even ones
-    figure = Figure(figsize=(INCHES, INCHES * tall / wide), dpi=wide / INCHES)
-    canvas: Any = FigureCanvasAgg(figure)
-    ax = figure.add_axes((0.1, 0.07, 0.885, 0.835))
     x, y = (np.ravel(each[list(which)]) for each in (records.x, records.y))
+    figure, ax = _canvas(records.scene, x, y, size)
+    canvas: Any = FigureCanvasAgg(figure)
     truth = truth_of(records.scene)
     for k in which:
         ax.clear()
@@ -115,6 +118,16 @@ def pictures(records: Records, which: Sequence[int], size: int, glues: bool) -> 
         frame(ax, records.scene, x, y)
         canvas.draw()
         yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def _canvas(scene: Scene, x: Floats, y: Floats, size: int) -> tuple[Figure, Axes]:
+    """A figure so wide (pixels), and axes in it of the reactor's shape, or of all tiles'."""
+    below = BOTTOM + LEGEND * (not has_corner_free(scene))
+    high = HIGH * aspect(scene, x, y)
+    # MP4 wants even ones.
+    wide, tall = (2 * round(0.5 * length) for length in (size, (below + high + TITLE) * size))
+    figure, part = Figure(figsize=(INCHES, INCHES * tall / wide), dpi=wide / INCHES), wide / tall
+    return figure, figure.add_axes((LEFT, below * part, WIDE, high * part))
 
 
 def _palette(samples: Sequence[Picture]) -> Image.Image:
