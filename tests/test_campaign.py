@@ -1057,6 +1057,12 @@ def test_a_damaged_plan_is_refused(here, whole, capsys, text, words):
     assert contents("out") == before
 
 
+def test_a_plan_that_cannot_be_opened_is_not_called_damaged(here, capsys):
+    Path("out/campaign.json").mkdir(parents=True)
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
+    assert "out/campaign.json: cannot be read: Is a directory" in capsys.readouterr().err
+
+
 # ---------------------------------------------------------------------------------------------
 # In parts, in folders of their own.
 

@@ -38,14 +38,12 @@ from tbsa.errors import InputError
 from tbsa.kernels.advance import MORE_ROWS
 from tbsa.model.layout import Layout
 from tbsa.model.scene import (
-    Record,
     Scene,
     check_is_scene,
     dumps,
     engine_path,
     fingerprint,
     load,
-    read_toml,
     tile_count,
 )
 from tbsa.model.simulation import Simulation
@@ -419,7 +417,7 @@ def _check_interval(folder: Path, info: dict[str, Any], scene: Scene) -> None:
     """
     was = info.get("interval")
     if was is None:  # written before run.json had it
-        was = read_toml(folder / "scene.toml").get("record", {}).get("interval", Record.interval)
+        was = load(folder / "scene.toml").record.interval
     if not isinstance(was, int | float):
         raise InputError("is damaged: must be a float", file=str(folder / "run.json"),
                          field="interval", value=was)

@@ -242,8 +242,9 @@ def _stored(out: Path, resume: bool) -> dict[str, dict[str, Any]] | None:
                              field="format", value=data["format"])
         return {each["name"]: {"kept": str(each["kept"]), "duration": float(each["duration"])}
                 for each in data["runs"]}
-    except (OSError, ValueError, LookupError, TypeError, ArithmeticError,
-            RecursionError) as error:
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=str(path)) from None
+    except (ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"is damaged: {error!r}", file=str(path)) from None
