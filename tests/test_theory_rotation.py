@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from theory import magnets, motion, rotation, unicycle
+from theory import magnets, motion, rotation, snap, unicycle
 from theory.floor import MEAN_DISTANCE, ellipsoid_wrench, engine_torque, max_torque
 from theory.snap import Body, closing, meet, separation
 
@@ -81,7 +81,7 @@ def test_the_four_snaps_end_as_they_must():
 @pytest.mark.parametrize(("gap", "glues", "b"), [(0.01, SECOND, EASY), (0.003, FIRST, HARD),
                                                  (0.01, FIRST, HARD)])
 def test_a_snap_does_not_depend_on_the_tolerance(gap, glues, b):
-    loose, tight = (pull(gap, glues, b, tolerance=tolerance) for tolerance in (1e-10, 1e-13))
+    loose, tight = (pull(gap, glues, b, tolerance=tolerance) for tolerance in (1e-11, 1e-13))
     assert loose.time == pytest.approx(tight.time, rel=1e-8)
     assert loose.speed == pytest.approx(tight.speed, rel=1e-8, abs=1e-12)
     assert loose.gap == pytest.approx(tight.gap, rel=1e-8, abs=1e-12)
@@ -102,6 +102,73 @@ def test_a_dry_snap_is_what_tiny_steps_give():
         x, y, angle = x + h * vx, y + h * vy, angle + h * omega
     assert (x, y, angle) == pytest.approx(tuple(end.poses[1]), abs=1e-4 * WIDTH)
     assert (vx, vy) == pytest.approx(tuple(end.twists[1, :2]), abs=1e-3)
+
+
+def test_two_dry_tiles_meet_as_tiny_steps_have_it():
+    """One comes, stops, and is pulled on; both begin to slide where the pull passes their bound."""
+    poses = np.array([(0.0, 0.0, 0.0), (0.04, 0.0, 0.0)])
+    twists = np.array([(0.0, 0.0, 0.0), (-0.14, 0.02, 0.0)])
+    end = meet(poses, twists, (HARD, HARD), FIRST, LAW, until=0.5)
+    assert (end.kind, end.tilt) == ("contact", 0.0)
+    assert end.twists[0, 0] > 0.05
+    h = 1e-5
+    for _ in range(round(end.time / h)):
+        fx, fy, *torques = magnets.pair_force(tuple(poses[0]), FIRST[0], tuple(poses[1]), FIRST[1],
+                                              LAW)
+        assert np.abs(torques).max() < HARD.friction_torque  # neither turns
+        twists[:, :2] += h * (np.outer((-1, 1), (fx, fy)) / MASS - 0.8 * twists[:, :2])
+        speed = np.hypot(*twists[:, :2].T)[:, None]
+        twists[:, :2] *= np.maximum(0.0, 1.0 - h * FLOOR / MASS / np.maximum(speed, 1e-300))
+        poses = poses + h * twists
+    assert poses == pytest.approx(end.poses, abs=2e-4 * WIDTH)
+    assert twists == pytest.approx(end.twists, abs=1e-3)
+
+
+@pytest.mark.parametrize(("start", "twist"), [
+    # Pulled off its place for a moment, by a tile that passes: the slide starts and ends slowly.
+    ((0.04176070197765168, 0.005366294337029186, 0.11520919059811047),
+     (-1.2238036140408362, -0.08949897600381287, -43.947443830672526)),
+    # Stops turning where the magnets just exceed the floor, and then no longer do.
+    ((0.03688842386392337, -0.00032582003448390975, -0.2510387149405384),
+     (-0.0129471323587518, -0.10593019558204918, -11.81518264693759))])
+def test_what_starts_to_move_at_its_bound_and_stops_again_goes_on(start, twist):
+    end = meet([(0, 0, 0), start], [(0, 0, 0), twist], (HARD, HARD), FIRST, LAW, until=0.5)
+    assert end.kind == "contact"
+    assert end.gap == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_motion_that_does_not_get_on_is_an_error(monkeypatch):
+    monkeypatch.setattr(snap, "PIECES", 1)
+    with pytest.raises(RuntimeError, match="does not get on from t = 0"):
+        pull(0.01, FIRST, HARD)
+
+
+@pytest.mark.parametrize(("x", "vx", "spin", "time"), [
+    (0.036, 0, 100, 0.00643501), (0.0345, 0, 300, 0.00126915), (0.036, 0, 300, 0.00214500),
+    (0.1, -20, 0, 0.0035)])
+def test_fast_tiles_meet_though_they_would_part_again_at_once(x, vx, spin, time):
+    """Without magnets, so that times are those of a corner on a circle, and of a straight way."""
+    if spin:  # the corner reaches the face where cos of what is left to turn is this
+        reach = (x - 0.5 * WIDTH) / (math.sqrt(0.5) * WIDTH)
+        assert (0.25 * math.pi - math.acos(reach)) / spin == pytest.approx(time, rel=1e-5)
+    end = meet([(0, 0, 0), (x, 0, 0)], [(0, 0, 0), (vx, 0, spin)], (SMOOTH, SMOOTH),
+               ((0,) * 4, (0,) * 4), LAW, until=0.5)
+    assert end.kind == "contact"
+    assert end.time == pytest.approx(time, rel=1e-5)
+    assert end.gap == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("twist", "angle", "kind"), [((0, 0, 30), 0.0, "spin"),
+                                                      ((0, -50, 0), 0.25 * math.pi, "slide")])
+def test_a_corner_that_passes_a_face_touches_it_or_not_to_a_billionth_of_a_metre(twist, angle,
+                                                                                 kind):
+    """A square on its way past another, or turning beside it, that comes nearer by a corner."""
+    near = WIDTH * (0.5 + math.sqrt(0.5))
+    for deep, expected in ((1e-9, "contact"), (-1e-9, "time")):
+        start = (near - deep, 0.1 * (kind == "slide"), angle)
+        end = meet([(0, 0, 0), start], [(0, 0, 0), twist], (SMOOTH, SMOOTH), ((0,) * 4, (0,) * 4),
+                   LAW, until=0.05)
+        assert end.kind == expected
 
 
 def test_the_gap_of_two_squares_is_that_of_the_nearest_corner_and_face():

@@ -3,7 +3,8 @@
 Dry friction of the floor has separate bounds for force and torque; damping is dv/dt = -c v.
 The motion is cut where a tile starts or stops to slide or to turn, so that every piece is
 smooth up to the magnets' switch (two continuous derivatives) and an adaptive method of order 8
-follows it to 1e-10.
+follows it to 1e-10.  Contacts are looked for within every step as well: fast tiles can meet and
+part again in one.
 """
 
 from __future__ import annotations
@@ -15,17 +16,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar
 
 from theory.magnets import Glues, Law, Pose, pair_force
 
 Reals = NDArray[np.float64]
 
-# Left to a stop, and gone after a start, of a slide, where its direction is singular (s).
+# Left to a stop of a slide, where its direction is singular (s).
 REST = 1e-10
+# A slide turns to the direction of its force at a rate of F/(m |v|), which has no upper limit as
+# it starts.  Slower than this time times R/m it is taken to have that direction (s).
+FOLLOWS = 1e-6
 # Of the integrator, relative; and absolute in m, rad, m/s and rad/s.
 TOLERANCE, SMALLEST = 1e-12, 1e-15
+# Added to speeds whose end is an event, so that it is not found at the start from 0 (m/s, rad/s).
+NOTHING = 1e-25
+HOLDS = 1.0 + 1e-12  # what a floor bears, in its bounds: a load at them is not beyond
 # Two corners of a face are equally near within this part of the width.
 LEVEL = 1e-9
+# Way of a corner, in widths, after which its gap is looked at; shallow passes between are searched.
+LOOK = 1e-3
+# So many pieces of the motion that together take less than this time (s) get nowhere.
+PIECES, STUCK = 30, 1e-9
 
 
 class Body(NamedTuple):
@@ -103,6 +115,7 @@ class _Part:
     def __init__(self, bodies: Sequence[Body], glues: Sequence[Glues], law: Law) -> None:
         self.bodies, self.glues, self.law = bodies, glues, law
         self.slides, self.turns = [False, False], [0.0, 0.0]
+        self.creeps = [False, False]  # slides, but too slow for a direction of its own
 
     def loads(self, q: Reals) -> list[tuple[complex, float]]:
         a, b = (tuple(map(float, pose)) for pose in q)
@@ -117,7 +130,8 @@ class _Part:
         for i, (force, torque) in enumerate(self.loads(q)):
             body, velocity = self.bodies[i], complex(v[i, 0], v[i, 1])
             if self.slides[i]:
-                force -= body.friction_force * velocity / abs(velocity) if velocity else 0.0
+                along = force if self.creeps[i] else velocity
+                force -= body.friction_force * along / abs(along) if along else 0.0
                 rate = force / body.mass - body.linear_damping * velocity
                 out[1, i, :2] = rate.real, rate.imag
             else:
@@ -140,8 +154,11 @@ class _Part:
                 q, v = z.reshape(2, 2, 3)
                 force = self.loads(q)[i][0]
                 if not self.slides[i]:
-                    return body.friction_force - abs(force)
+                    return HOLDS * body.friction_force - abs(force)
                 velocity = complex(v[i, 0], v[i, 1])
+                if self.creeps[i]:  # to rest again, or fast enough
+                    along = (velocity * force.conjugate()).real / (abs(force) or 1.0)
+                    return min(_slow(body) - abs(velocity), along + NOTHING)
                 if not velocity:
                     return 0.0
                 along = (force * velocity.conjugate()).real / abs(velocity)
@@ -151,8 +168,8 @@ class _Part:
             def turn(t: float, z: Reals, i: int = i, body: Body = body) -> float:
                 q, v = z.reshape(2, 2, 3)
                 if self.turns[i]:
-                    return float(self.turns[i] * v[i, 2])
-                return body.friction_torque - abs(self.loads(q)[i][1])
+                    return float(self.turns[i] * v[i, 2]) + NOTHING
+                return HOLDS * body.friction_torque - abs(self.loads(q)[i][1])
 
             if body.friction_force > 0.0:
                 found.append(slide)
@@ -161,6 +178,11 @@ class _Part:
         for event in found:
             event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
         return found
+
+
+def _slow(body: Body) -> float:
+    """Speed (m/s) below which a slide that starts has the direction of its force."""
+    return FOLLOWS * body.friction_force / body.mass
 
 
 def _pose(values: tuple[float, ...]) -> Pose:
@@ -192,75 +214,104 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
     ValueError
         The tiles overlap at the start.
     RuntimeError
-        The integrator fails.
+        The integrator fails, or the time does not advance.
     """
     part, width = _Part(bodies, glues, law), law.width
     z = np.array([poses, twists], dtype=np.float64).reshape(2, 2, 3)
     if (gap := gap_of(z, width)) < -LEVEL * width:
         raise ValueError(f"the tiles overlap at the start, by {-gap:g} m")
-    now = 0.0
+    now, starts = 0.0, [-math.inf] * PIECES
     while now < until:
-        kick = _modes(part, z)
+        _modes(part, z)
         if not any(part.slides) and not any(part.turns):
             return _meeting("rest", now, z, width)
-        soon = z[1] + REST * part.rates(now, _with_direction(part, z)).reshape(2, 2, 3)[1]
+        soon = z[1] + REST * part.rates(now, z.ravel()).reshape(2, 2, 3)[1]
         approach = closing(z[0], soon, width)[0]
         if approach > 0.0 and gap_of(z, width) <= REST * approach:  # no event would see it
             return _meeting("contact", now, z, width)
-        if kick > 0.0:  # past the singular start of a slide, along its force
-            z[0] += kick * z[1]
-            z[1], now = soon, now + kick
+        starts = [*starts[1:], now]
+        if now - starts[0] < STUCK:
+            raise RuntimeError(f"the motion does not get on from t = {now} s")
         events = part.events(width)
         found: Any = solve_ivp(part.rates, (now, until), z.ravel(), "DOP853", events=events,
-                               rtol=tolerance, atol=SMALLEST, max_step=0.01)
+                               rtol=tolerance, atol=SMALLEST, max_step=0.01, dense_output=True)
         if found.status < 0:
             raise RuntimeError(found.message)
+        if (hit := _unseen(found, width)) is not None:
+            return _meeting("contact", hit, found.sol(hit).reshape(2, 2, 3), width)
         now, z = float(found.t[-1]), found.y[:, -1].reshape(2, 2, 3).copy()
         if found.status == 1 and found.t_events[0].size:
             return _meeting("contact", now, z, width)
     return _meeting("time", now, z, width)
 
 
-def _modes(part: _Part, z: Reals) -> float:
-    """Set who slides and turns from here on; returns REST where a slide starts from rest."""
-    start = 0.0
+def _modes(part: _Part, z: Reals) -> None:
+    """Set who slides and turns from here on, and at rest what has come to it."""
     for i, (force, torque) in enumerate(part.loads(z[0])):
         body, v = part.bodies[i], z[1, i]
-        speed = math.hypot(v[0], v[1])
-        grip, hold = body.friction_force * (1.0 + 1e-12), body.friction_torque * (1.0 + 1e-12)
+        velocity = complex(v[0], v[1])
         if math.isinf(body.mass):
             continue
         if part.slides[i] and body.friction_force > 0.0:
-            slowing = (body.friction_force - (force * complex(v[0], -v[1])).real
-                       / max(speed, 1e-300)) / body.mass
-            if slowing > 0.0 and speed <= 2.0 * slowing * REST:
-                v[:2] = speed = 0.0
+            along = (force * velocity.conjugate()).real
+            if part.creeps[i]:
+                stops = along <= 1e-6 * _slow(body) * abs(force)
+            else:
+                slowing = (body.friction_force - along / max(abs(velocity), 1e-300)) / body.mass
+                stops = slowing > 0.0 and abs(velocity) <= 2.0 * slowing * REST
+            if stops:
+                v[:2] = velocity = 0.0
         if part.turns[i] and abs(v[2]) < 1e-13 * max(1.0, abs(torque) / body.inertia):
             v[2] = 0.0
         # An event at a bound leaves the load there up to rounding: it is about to pass.
         passes = abs(abs(force) - body.friction_force) <= 1e-9 * body.friction_force
-        part.slides[i] = speed > 0.0 or abs(force) > grip or (
+        part.slides[i] = velocity != 0.0 or abs(force) > HOLDS * body.friction_force or (
             passes and body.friction_force > 0.0 and not part.slides[i])
-        if part.slides[i] and speed == 0.0:
-            start = REST
+        part.creeps[i] = part.slides[i] and body.friction_force > 0.0 and (
+            velocity == 0.0 or (part.creeps[i] and abs(velocity) < (1.0 - 1e-9) * _slow(body)))
         passes = abs(abs(torque) - body.friction_torque) <= 1e-9 * body.friction_torque
         if v[2] != 0.0:
             part.turns[i] = math.copysign(1.0, v[2])
-        elif abs(torque) > hold or (passes and body.friction_torque > 0.0
-                                    and not part.turns[i]):
+        elif abs(torque) > HOLDS * body.friction_torque or (
+                passes and body.friction_torque > 0.0 and not part.turns[i]):
             part.turns[i] = math.copysign(1.0, torque)
         else:
             part.turns[i] = 0.0
-    return start
 
 
-def _with_direction(part: _Part, z: Reals) -> Reals:
-    """The state with a tiny velocity along the force where a slide starts from rest."""
-    seen = z.copy()
-    for i, (force, _) in enumerate(part.loads(z[0])):
-        if part.slides[i] and not z[1, i, :2].any() and abs(force) > 0.0:
-            seen[1, i, :2] = 1e-30 * force.real / abs(force), 1e-30 * force.imag / abs(force)
-    return seen.ravel()
+def _unseen(found: Any, width: float) -> float | None:
+    """First time (s) at which the tiles of a solution meet, though they may be apart at its steps.
+
+    No point goes faster than the sum of the centres' relative speed and of either spin times half
+    the diagonal, so that nothing is missed in the time in which it could just close the gap.
+    """
+
+    def gap(t: float) -> float:
+        return gap_of(found.sol(t), width)
+
+    deep, look, half = -1e-3 * LEVEL * width, LOOK * width, math.sqrt(0.5) * width
+    seen = [(float(found.t[0]), gap_of(found.y[:, 0], width))]  # times and gaps, the last three
+    for k in range(1, found.t.size):
+        end, rate = float(found.t[k]), 0.0
+        for z in (found.y[:, side].reshape(2, 2, 3) for side in (k - 1, k)):
+            across = z[1, 1] - z[1, 0]
+            rate = max(rate, math.hypot(across[0], across[1])
+                       + half * float(np.abs(z[1, :, 2]).sum()))
+        while (now := seen[-1][0]) < end:
+            ahead = max(seen[-1][1], look) / rate if rate > 0.0 else math.inf
+            t = min(end, max(now + ahead, math.nextafter(now, math.inf)))
+            seen = [*seen[-2:], (t, gap(t))]
+            low, least = seen[-1]
+            if least >= deep and len(seen) == 3 and seen[1][1] < look and (
+                    seen[0][1] >= seen[1][1] <= seen[2][1]):
+                pit = minimize_scalar(gap, bounds=(seen[0][0], t), method="bounded",
+                                      options={"xatol": 1e-6 * (t - seen[0][0])})
+                low, least = float(pit.x), float(pit.fun)
+            if least < deep:
+                before = max((s for s in seen if s[0] < low), default=(low, 0.0))
+                return float(brentq(gap, before[0], low, xtol=1e-15)) if before[1] > 0.0 else (
+                    before[0])
+    return None
 
 
 def _meeting(kind: str, time: float, z: Reals, width: float) -> Meeting:
