@@ -202,10 +202,31 @@ def test_driven_tile_goes_as_an_explicit_method_in_the_lab_frame_does(torque, be
     assert states[1, 5] == pytest.approx(expected[5], rel=1e-11)
 
 
-@pytest.mark.parametrize("times", [[3.0, 1.0], [-1.0, 1.0], [0.0, math.nan]])
+@pytest.mark.parametrize("times", [[3.0, 1.0], [-1.0, 1.0], [0.0, math.nan], [0.0, math.inf]])
 def test_times_of_a_driven_tile_increase_from_zero(times):
     with pytest.raises(ValueError, match="must increase, from 0"):
         motion.driven_tile(times, **TILE)
+
+
+def test_a_drive_of_either_sign_drives():
+    """Backward is forward of a tile that faces the other way; a turn the other way, in a mirror."""
+    times = [2.0, 4.0, 9.0, 17.0]
+    forth = motion.driven_tile(times, **TILE)
+    assert np.all(np.abs(forth[-1, :3]) > 0.01)
+    back = motion.driven_tile(times, **{**TILE, "force": -TILE["force"]})
+    assert back == pytest.approx(motion.driven_tile(times, **TILE, forward=-0.5 * math.pi),
+                                 rel=1e-9, abs=1e-12)
+    both = motion.driven_tile(
+        times, **{**TILE, "force": -TILE["force"], "torque": -TILE["torque"]})
+    assert np.array_equal(both, motion.driven_tile(times, **TILE, family=-1))
+    turned = motion.driven_tile(times, **{**TILE, "torque": -TILE["torque"]})
+    assert turned == pytest.approx(forth * [-1, 1, -1, -1, 1, -1], rel=1e-9, abs=1e-12)
+
+
+def test_a_frequency_below_zero_is_refused_and_at_zero_nothing_is_driven():
+    with pytest.raises(ValueError, match=r"frequency must be at least 0, not -0\.1 Hz"):
+        motion.driven_tile([1.0], **{**TILE, "frequency": -0.1})
+    assert not motion.driven_tile([1.0], **{**TILE, "frequency": 0.0}).any()
 
 
 def test_driven_tile_leaves_rest_along_the_force():

@@ -395,6 +395,48 @@ def test_a_tile_without_a_drive_stays(none):
     assert not unicycle.coupled_tile([0.0, 1.0, 2.0], **(TILE | none)).any()
 
 
+@pytest.mark.parametrize("times", [[7.0], [5.0], [0.0, 10.0, 20.0]])
+def test_times_at_which_the_tile_rests_may_be_all_that_is_asked(times):
+    """No time is in the slides that end at 4.6 and 9.6 s and so on."""
+    slow = TILE | {"frequency": 0.1}
+    (*_, end) = unicycle.coupled_tile(times, **slow)
+    whole = unicycle.coupled_tile(np.linspace(0.0, times[-1], 101), **slow)
+    assert end == pytest.approx(whole[-1], abs=1e-9)
+
+
+def test_a_tile_on_the_coupled_floor_moves_no_faster_as_it_starts_than_soon_after():
+    """Times between the bound and the integrator's first, which starts a microsecond later."""
+    start = math.asin(FLOOR / 0.075) / math.pi
+    times = start + np.array([-1e-6, 0.3e-6, 0.9e-6, 1.5e-6, 1e-5])
+    speed = unicycle.coupled_tile(times, **(TILE | {"torque": 0.0}))[:, 4]
+    assert speed[0] == 0.0
+    assert np.all(np.diff(speed) > 0.0)
+
+
+@pytest.mark.parametrize("change", [{"force": -0.075}, {"torque": -1e-4}])
+def test_a_coupled_drive_of_either_sign_drives(change):
+    """Backward is forward of a tile that faces the other way; a turn the other way, in a mirror."""
+    times = [0.9, 1.7, 4.3]
+    there = unicycle.coupled_tile(times, **(TILE | change))
+    if "force" in change:
+        same = unicycle.coupled_tile(times, **TILE, forward=-0.5 * math.pi)
+    else:
+        same = unicycle.coupled_tile(times, **TILE) * [-1, 1, -1, -1, 1, -1]
+    assert there == pytest.approx(same, abs=1e-8)
+    assert np.abs(there[-1, :3]).min() > 1e-3
+
+
+def test_what_the_unicycle_is_not_defined_for_is_refused():
+    with pytest.raises(ValueError, match=r"frequency must be at least 0, not -0\.5 Hz"):
+        unicycle.coupled_tile([1.0], **(TILE | {"frequency": -0.5}))
+    for times in ([2.0, 1.0], [-1.0, 1.0], [math.nan], [math.inf], [[0.0, 1.0]]):
+        for of in (lambda t: unicycle.coupled_tile(t, **TILE),
+                   lambda t: unicycle.kinematic(t, 1.0, 1.0, 1.0, 0.5)):
+            with pytest.raises(ValueError, match="times must"):
+                of(times)
+    assert unicycle.kinematic([], 1.0, 1.0, 1.0, 0.5).shape == (0, 3)
+
+
 @pytest.mark.parametrize("none", [{"mu": 0.0}, {"gravity": 0.0}])
 def test_a_driven_tile_without_friction_is_only_accelerated(none):
     """m v = F (1 - cos(rate t))/rate along the heading, which stays without a torque."""

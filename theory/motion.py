@@ -43,6 +43,22 @@ NODES, INTEGRALS, FIT = _radau(STAGES)
 GAUSS = legendre.leggauss(16)
 
 
+def increasing(times: ArrayLike) -> Reals:
+    """Times (s) as an array, shape (k,).
+
+    Raises
+    ------
+    ValueError
+        They do not increase from 0, or are not finite.
+    """
+    instants = np.asarray(times, dtype=np.float64)
+    if instants.ndim != 1:
+        raise ValueError("times must be numbers in a row")
+    if not np.all(np.diff(instants, prepend=0.0) >= 0.0) or not np.all(np.isfinite(instants)):
+        raise ValueError("times must increase, from 0, and be finite")
+    return instants
+
+
 def _stop(v0: float, deceleration: float, damping: float) -> tuple[float, float]:
     """Time and distance of dv/dt = -a - c v from v0 >= 0 to rest, stable for every c v0/a.
 
@@ -136,10 +152,10 @@ def _exceeds(load: float, bound: float) -> bool:
 
 
 def _next_start(t: float, load: float, bound: float, rate: float) -> float:
-    """First time from `t` on at which |sin(rate t)| load exceeds `bound`; inf if there is none."""
-    if not _exceeds(load, bound) or rate == 0.0:
+    """First time from `t` on at which |sin(rate t) load| exceeds `bound`; inf if there is none."""
+    if not _exceeds(abs(load), bound) or rate == 0.0:
         return math.inf
-    rise = math.asin(bound / load)
+    rise = math.asin(bound / abs(load))
     half = math.floor(rate * t / math.pi)
     phase = rate * t - half * math.pi
     if phase >= math.pi - rise - 1e-12:  # the rest is rounding
@@ -148,7 +164,7 @@ def _next_start(t: float, load: float, bound: float, rate: float) -> float:
 
 
 def _turns(last: float, angle: float, spin: float, load: float, bound: float, rate: float,
-           damping: float, family: int) -> list[_Turn]:
+           damping: float) -> list[_Turn]:
     """Turning and rest up to the time `last`; `load` and `bound` per inertia (1/s^2).
 
     e^(ct) omega is monotone between the times at which the drive crosses the bound, so that
@@ -156,8 +172,8 @@ def _turns(last: float, angle: float, spin: float, load: float, bound: float, ra
     """
     turns: list[_Turn] = []
     edges = [last]
-    if _exceeds(load, bound) and rate > 0.0:
-        rise = math.asin(bound / load)
+    if _exceeds(abs(load), bound) and rate > 0.0:
+        rise = math.asin(bound / abs(load))
         halves = np.arange(math.ceil(rate * last / math.pi) + 1) * math.pi
         crossings = np.sort(np.append(halves + rise, halves + math.pi - rise)) / rate
         edges = [*crossings[crossings < last].tolist(), last]
@@ -169,8 +185,8 @@ def _turns(last: float, angle: float, spin: float, load: float, bound: float, ra
                 turns.append(_Turn(now, angle, 0.0, 0.0, 0.0, 0.0, rate))
                 now = start
                 continue
-        sign = math.copysign(1.0, spin if spin != 0.0 else family * math.sin(rate * now))
-        turn = _Turn(now, angle, spin, family * load, sign * bound, damping, rate)
+        sign = math.copysign(1.0, spin if spin != 0.0 else load * math.sin(rate * now))
+        turn = _Turn(now, angle, spin, load, sign * bound, damping, rate)
         turns.append(turn)
         if bound == 0.0:
             break
@@ -258,7 +274,7 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
     mass, inertia : float
         kg, kg m^2.
     force, torque, frequency : float
-        F_mag (N), T_mag (N m), f (Hz).
+        F_mag (N), T_mag (N m), of either sign; f (Hz), at 0 of which nothing is driven.
     friction_force, friction_torque : float
         Bounds of the floor's friction (N, N m).
     linear_damping, angular_damping : float
@@ -279,18 +295,18 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
     Raises
     ------
     ValueError
-        Times that do not increase from 0.
+        Times that do not increase from 0, or a frequency below 0.
     RuntimeError
         No step of the integrator is short enough.
     """
-    instants = np.asarray(times, dtype=np.float64)
-    if not np.all(np.diff(instants, prepend=0.0) >= 0.0):
-        raise ValueError("times must increase, from 0")
+    instants = increasing(times)
+    if not frequency >= 0.0:
+        raise ValueError(f"the frequency must be at least 0, not {frequency} Hz")
     last = float(instants[-1]) if instants.size else 0.0
     rate = 2.0 * math.pi * frequency
-    load, bound = force / mass, friction_force / mass
-    turns = _turns(last, start[2], start[5], torque / inertia, friction_torque / inertia, rate,
-                   angular_damping, family)
+    load, bound = family * force / mass, friction_force / mass
+    turns = _turns(last, start[2], start[5], family * torque / inertia, friction_torque / inertia,
+                   rate, angular_damping)
 
     def heading(turn: _Turn, t: ArrayLike) -> Complexes:
         return np.asarray(np.exp(1j * (turn.at(t)[0] + forward)))
@@ -334,20 +350,20 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
         # One step, short of the stop (a singular point) and of where the turning changes.
         if w != 0.0 and bound > 0.0:
             slowing = (bound + linear_damping * abs(w)
-                       - family * math.sin(rate * now) * load * w.real / abs(w))
+                       - math.sin(rate * now) * load * w.real / abs(w))
             togo = abs(w) / slowing if slowing > 0.0 else math.inf
             if togo < REST * max(1.0, now):
                 now, w, h = now + togo, 0j, FIRST
                 continue
             h = min(h, 0.7 * togo)
         # Rounding of the acceleration, that of the time in the drive included.
-        noise = 1e-15 * (load + bound) * (1.0 + rate * now)
+        noise = 1e-15 * (abs(load) + bound) * (1.0 + rate * now)
         while True:
             h = min(h, border - now, last - now)
             if now + h <= now:
                 raise RuntimeError(f"no step is short enough at t = {now} s")
             t = now + 0.5 * h * (NODES + 1.0)
-            values = _collocate(h, w, family * load * np.sin(rate * t), turn.at(t)[1], bound,
+            values = _collocate(h, w, load * np.sin(rate * t), turn.at(t)[1], bound,
                                 linear_damping)
             if values is None:
                 h *= 0.3

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from theory.floor import MEAN_DISTANCE
+from theory.motion import increasing
 
 Reals = NDArray[np.float64]
 
@@ -46,7 +47,8 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
     m dv/dt = u a F_mag e - R v/s - c m v and I domega/dt = u a T_mag - R k^2 omega/s - c' I omega
     with R = mu m g, k = 0.382598 w, s = sqrt(|v|^2 + k^2 omega^2); at rest while
-    (F/R)^2 + (T/(k R))^2 <= 1.  Without friction, R = 0, it never rests.
+    (F/R)^2 + (T/(k R))^2 <= 1.  Without friction, R = 0, it never rests.  F_mag and T_mag may have
+    either sign; at frequency 0 nothing is driven.
 
     Returns
     -------
@@ -56,13 +58,13 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
     Raises
     ------
     ValueError
-        Times that do not increase from 0.
+        Times that do not increase from 0, or a frequency below 0.
     RuntimeError
         The integrator fails.
     """
-    instants = np.asarray(times, dtype=np.float64)
-    if not np.all(np.diff(instants, prepend=0.0) >= 0.0):
-        raise ValueError("times must increase, from 0")
+    instants = increasing(times)
+    if not frequency >= 0.0:
+        raise ValueError(f"the frequency must be at least 0, not {frequency} Hz")
     inertia, arm, grip = mass * width * width / 6.0, MEAN_DISTANCE * width, mu * mass * gravity
     rate = 2.0 * math.pi * frequency
     driven = abs(family) * math.hypot(force, torque / arm) if frequency else 0.0
@@ -135,15 +137,21 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
         excess = grip * max(abs(math.sin(rate * half)) * size - 1.0, 1e-12)
         start = z.copy()
         start[3:] = normal * excess * REST / float(normal**2 @ [mass, mass, inertia])
+        while done < instants.size and instants[done] <= now + REST:
+            result[done] = z
+            result[done, 3:] = start[3:] * (instants[done] - now) / REST
+            done += 1
+        if done == instants.size:
+            break
         found: Any = solve_ivp(rates, (now + REST, last + 1e-9), start, "Radau", events=stops,
                                jac=jacobian, rtol=1e-10, atol=[1e-12] * 3 + [1e-14] * 3,
                                max_step=0.05, dense_output=True)
         if found.status < 0:
             raise RuntimeError(found.message)
         end = float(found.t[-1])
-        inside = (instants > now) & (instants <= end)
-        result[inside] = found.sol(instants[inside]).T
-        done += int(np.count_nonzero(inside[done:]))
+        inside = slice(done, int(np.searchsorted(instants, end, side="right")))
+        if inside.start < inside.stop:
+            result[inside], done = found.sol(instants[inside]).T, inside.stop
         z, now = found.y[:, -1].copy(), end
         z[3:] = 0.0
     return result
@@ -151,8 +159,16 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
 def kinematic(times: ArrayLike, a: float, b: float, omega: float, frequency: float,
               heading: float = 0.5 * math.pi, points: int = 200_001) -> Reals:
-    """x, y, phi of the kinematic model from the origin at `times` (s); shape (n, 3)."""
-    instants = np.asarray(times, dtype=np.float64)
+    """x, y, phi of the kinematic model from the origin at `times` (s); shape (n, 3).
+
+    Raises
+    ------
+    ValueError
+        Times that do not increase from 0.
+    """
+    instants = increasing(times)
+    if not instants.size:
+        return np.zeros((0, 3))
     t = np.linspace(0.0, float(instants[-1]), points)
     phi = heading + omega * _swing(t, frequency)
     u = np.sin(2.0 * math.pi * frequency * t)
