@@ -149,6 +149,25 @@ def test_force_goes_with_the_square_of_the_polarisation():
         4 * coaxial_cylinders(0.02, 0.005, 0.01, 0.7), rel=1e-14)
 
 
+@pytest.mark.parametrize(("radius", "height"), [(-1e-3, 2e-3), (0.0, 2e-3), (1e-3, -2e-3),
+                                                (1e-3, (2e-3, -1e-3)), (float("nan"), 2e-3)])
+def test_cylinders_of_no_size_are_refused(radius, height):
+    with pytest.raises(ValueError, match="radius and height must be positive"):
+        coaxial_cylinders(0.01, radius, height)
+
+
+def test_cuboids_that_overlap_are_refused_and_those_that_touch_are_not():
+    size = (2e-3, 2e-3, 4e-3)
+    for inside in ((0.0, 0.0, 3.9e-3), (1.9e-3, 0.0, 0.0), (1e-3, -1e-3, -1e-3)):
+        for distance in (inside, [inside, (0.0, 0.0, 1.0)]):
+            with pytest.raises(ValueError, match="must not overlap"):
+                parallel_cuboids(distance, size, size)
+    for beside in ((0.0, 0.0, 4e-3), (2e-3, 0.0, 0.0), (1e-3, -2e-3, 1e-3)):
+        assert np.all(np.isfinite(parallel_cuboids(beside, size, size)))
+    with pytest.raises(ValueError, match="edges must be at least 0"):
+        parallel_cuboids((0.0, 0.0, 0.01), size, (2e-3, -2e-3, 4e-3))
+
+
 def test_cylinders_that_overlap_are_refused():
     with pytest.raises(ValueError, match="at least the mean height"):
         coaxial_cylinders(0.009, 0.005, 0.01)

@@ -247,6 +247,23 @@ def test_a_seed_that_pushes_holds_no_block():
     assert scaling.report(0.075, law=small)
 
 
+def test_bonds_with_pairs_beyond_a_tile_width_are_refused():
+    """Tiles next but one then pull as well, which the blocks of one and two cannot tell."""
+    far = Law(cutoff=0.04, switch=0.1)
+    for refused in (lambda: scaling.seed_bond(3, far), lambda: scaling.seed_bond(3, Law()),
+                    lambda: scaling.bound_all_pairs(scaling.READINGS[4], 0.075, MU, FLOOR, far),
+                    lambda: scaling.report(0.075, law=far)):
+        with pytest.raises(ValueError, match="cut-off must be at most one tile width"):
+            refused()
+
+
+@pytest.mark.parametrize("wrong", [{"mu": 1.0}, {"mu": -0.1}, {"mu": math.nan}, {"bond": -0.1},
+                                   {"n": 0}, {"floor": -0.1}])
+def test_a_critical_load_is_of_a_bond_that_holds_and_a_friction_below_one(wrong):
+    with pytest.raises(ValueError, match="must be"):
+        scaling.critical_load(0.3, **({"n": 3, "bond": 0.2, "mu": 0.25, "floor": 0.04} | wrong))
+
+
 def test_the_report_has_every_reading_with_its_assumption():
     text = scaling.report(0.075)
     for each in scaling.READINGS:

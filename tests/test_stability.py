@@ -73,6 +73,18 @@ def test_limits_of_the_imbalance():
     assert stability.imbalance_of_turns(30, 20, 0.5) == pytest.approx((0.0, math.sqrt(50.0)))
 
 
+@pytest.mark.parametrize("refused", [
+    lambda: stability.imbalance_of_occupation(3, 3, 1.2),
+    lambda: stability.imbalance_of_occupation(-3, 3, 0.5),
+    lambda: stability.imbalance_of_choice(3, 3, 9), lambda: stability.imbalance_of_choice(3, 3, -1),
+    lambda: stability.imbalance_of_choice(-3, 6, 2),
+    lambda: stability.imbalance_of_families(5, -0.1), lambda: stability.imbalance_of_families(-5),
+    lambda: stability.imbalance_of_turns(3, 3, math.nan)])
+def test_an_imbalance_is_of_tiles_that_there_can_be(refused):
+    with pytest.raises(ValueError, match=r"must be|do not fit"):
+        refused()
+
+
 def test_with_random_half_turns_net_force_and_glue_grow_alike():
     """So that size neither helps nor harms: the probability to hold has a limit below 1."""
     limit = math.erf(BOND / FORCE / math.sqrt(2.0))

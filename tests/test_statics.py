@@ -489,6 +489,46 @@ def test_the_load_of_the_printed_root_is_borne_by_blocks_larger_than_it_allows()
     assert readings["printed"].bound(BOND, load, mu, 0.0) < n
 
 
+@pytest.mark.parametrize("force", [0.0, 1e-12, 1e-5, 0.04])
+@pytest.mark.parametrize("torque", [6.8e-4, 1.0, 1e6])
+def test_a_floor_that_mostly_bears_torques_bears_them_to_its_bound(force, torque):
+    """A tile out of reach of the held one, however small the floor's force is beside its torque."""
+    one = statics.chessboard([(5, 5)], [(0, 0)])
+    rest = Statics(one, Law(cutoff=0.01), mating=True, floor=(force, torque))
+    load = uniform(one, 0.0, 0.0, 1e-3)
+    assert rest.rest(load).factor == pytest.approx(1e3 * torque)
+    assert rest.rest(load).contacts.turns.tolist() == [True, False]
+    worst = rest.worst_phase(load, 0.5 * load)
+    assert worst.factor == pytest.approx(1e3 * torque / math.sqrt(1.25), rel=1e-3)
+
+
+def test_a_floor_of_any_torque_bears_every_torque():
+    one = statics.chessboard([(5, 5)], [(0, 0)])
+    for force in (0.0, 0.04):
+        rest = Statics(one, Law(cutoff=0.01), mating=True, floor=(force, math.inf))
+        assert rest.rest(uniform(one, 0.0, 0.0, 1e-3)).factor == math.inf
+        assert rest.rest(uniform(one, 0.1, 0.0)).factor == pytest.approx(10 * force, rel=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"mu": -0.25}, {"mu": math.nan}, {"floor": (-0.04, 1e-3)},
+                                   {"floor": (0.04, -1e-3)}, {"floor": (math.nan, 1e-3)},
+                                   {"floor": (math.inf, 1e-3)}, {"floor": (0.04, math.nan)}])
+def test_friction_below_zero_is_refused(wrong):
+    with pytest.raises(ValueError, match="mu and floor must be"):
+        Statics(statics.block(2), SIMULATOR, mating=False, **wrong)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_load_that_is_no_number_is_refused(value):
+    tiles = statics.block(2)
+    rest, load = Statics(tiles, SIMULATOR, mating=False), uniform(tiles, 0.07, 0.0)
+    wrong = uniform(tiles, value, 0.0)
+    for refused in (lambda: rest.rest(wrong), lambda: rest.rest(load, dead=wrong),
+                    lambda: rest.contacts(wrong), lambda: rest.worst_phase(load, wrong)):
+        with pytest.raises(ValueError, match="a load must be"):
+            refused()
+
+
 @pytest.mark.parametrize("law", [Law(inset=0.0), Law(inset=0.0, cutoff=0.03, switch=0.1)])
 @pytest.mark.parametrize("mating", [True, False])
 def test_magnets_at_one_point_do_not_push_each_other(law, mating):

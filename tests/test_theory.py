@@ -208,6 +208,15 @@ def test_times_of_a_driven_tile_increase_from_zero(times):
         motion.driven_tile(times, **TILE)
 
 
+@pytest.mark.parametrize("stop", [
+    lambda: motion.sliding_stop(-0.1, 0.25), lambda: motion.sliding_stop(0.1, -0.25),
+    lambda: motion.sliding_stop(0.1, 0.25, -1.0), lambda: motion.sliding_stop(math.nan, 0.25),
+    lambda: motion.spin_stop(-1.0, 1e-3, 1e-6), lambda: motion.spin_stop(1.0, -1e-3, 1e-6)])
+def test_a_stop_is_of_a_speed_and_a_friction_from_zero(stop):
+    with pytest.raises(ValueError, match="must be at least 0"):
+        stop()
+
+
 def test_a_drive_of_either_sign_drives():
     """Backward is forward of a tile that faces the other way; a turn the other way, in a mirror."""
     times = [2.0, 4.0, 9.0, 17.0]

@@ -217,10 +217,17 @@ def test_a_tile_along_the_wall_obeys_newtons_law_at_both_corners(mu):
 def test_a_tile_that_would_tip_along_the_wall_is_refused():
     with pytest.raises(ValueError, match="leaves the wall"):
         rotation.wall_slide(0.2, WIDTH, MASS, 3.0)
-    with pytest.raises(ValueError, match="leaves the wall"):  # centre beyond that of the circle
-        rotation.wall_slide(0.0212, WIDTH, MASS, 0.25)
-    with pytest.raises(ValueError, match="at least half the width"):
-        rotation.wall_slide(0.014, WIDTH, MASS, 0.25)
+
+
+@pytest.mark.parametrize("radius", [0.014, 0.018, 0.0212, math.nan])
+def test_a_circle_in_which_the_square_does_not_fit_has_no_seat_for_it(radius):
+    """At 0.018 m two corners could be on it, but the other two would be beyond."""
+    for refused in (lambda: rotation.seat(radius, WIDTH),
+                    lambda: rotation.wall_rest(radius, WIDTH, 1.0),
+                    lambda: rotation.wall_slide(radius, WIDTH, MASS, 0.25)):
+        with pytest.raises(ValueError, match="at least half the diagonal"):
+            refused()
+    assert rotation.seat(math.sqrt(0.5) * WIDTH, WIDTH) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_along_the_wall_the_other_way_round_is_the_mirror_image():
@@ -280,6 +287,13 @@ def test_a_rocking_fall_is_the_pendulum_about_the_corner():
     fall = rotation.rocking_fall(load, MASS, WIDTH, tilt)
     assert fall.time == pytest.approx(brute.t[-1], rel=1e-9)
     assert fall.spin == pytest.approx(-brute.y[1, -1], rel=1e-9)
+
+
+@pytest.mark.parametrize(("load", "tilt"), [(-1.0, 0.1), (math.nan, 0.1), (math.inf, 0.1),
+                                            (1.0, -0.1), (1.0, 0.25 * math.pi), (1.0, math.nan)])
+def test_a_fall_needs_a_load_that_presses_and_a_tilt_below_the_edge(load, tilt):
+    with pytest.raises(ValueError, match=r"the (load|tilt) must be"):
+        rotation.rocking_fall(load, MASS, WIDTH, tilt)
 
 
 @pytest.mark.filterwarnings("error")

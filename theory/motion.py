@@ -65,6 +65,9 @@ def _stop(v0: float, deceleration: float, damping: float) -> tuple[float, float]
     With x = c v0/a: t = (v0/a) ln(1 + x)/x and d = (v0^2/a)(x - ln(1 + x))/x^2.  Without friction
     it never stops, and comes as far as v0/c.
     """
+    for name, value in (("speed", v0), ("friction", deceleration), ("damping", damping)):
+        if not value >= 0.0:
+            raise ValueError(f"the {name} must be at least 0, not {value}")
     if deceleration == 0.0:
         return (math.inf, v0 / damping if damping else math.inf) if v0 else (0.0, 0.0)
     x = damping * v0 / deceleration
@@ -85,6 +88,11 @@ def sliding_stop(v0: float, mu: float, damping: float = 0.0,
         t = ln(1 + c v0/(mu g))/c,    d = v0/c - (mu g/c^2) ln(1 + c v0/(mu g)),
 
     and, for c -> 0, t = v0/(mu g), d = v0^2/(2 mu g).
+
+    Raises
+    ------
+    ValueError
+        A negative speed, friction or damping.
     """
     return _stop(v0, mu * gravity, damping)
 
@@ -98,6 +106,11 @@ def spin_stop(omega0: float, torque: float, inertia: float,
         t = ln(1 + c I omega0/T)/c,    angle = omega0/c - (T/(I c^2)) ln(1 + c I omega0/T),
 
     and, for c -> 0, t = I omega0/T, angle = I omega0^2/(2 T).
+
+    Raises
+    ------
+    ValueError
+        A negative speed, friction or damping.
     """
     return _stop(omega0, torque / inertia, damping)
 

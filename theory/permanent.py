@@ -58,8 +58,10 @@ def coaxial_cylinders(distance: ArrayLike, radius: float, height: float | tuple[
     Raises
     ------
     ValueError
-        Where the cylinders would overlap.
+        Where the cylinders would overlap, a radius that is not positive, or a negative height.
     """
+    if not radius > 0.0 or not np.all(np.asarray(height, float) >= 0.0):
+        raise ValueError(f"radius and height must be positive, not {radius} and {height} m")
     h = np.broadcast_to(np.asarray(height, float), 2)
     gap = np.asarray(distance, float) - h.mean()
     if np.any(gap < -1e-12 * h.mean()):
@@ -89,12 +91,22 @@ def parallel_cuboids(distance: ArrayLike, size_a: ArrayLike, size_b: ArrayLike,
         Fx, Fy, Fz of the shape of `distance`; attracted along z is negative.  The sum of 64
         terms cancels: relative error about 1e-16 (distance/size)^6.
 
+    Raises
+    ------
+    ValueError
+        Where the cuboids would overlap, or an edge is negative.
+
     Notes
     -----
     Akoun and Yonnet, IEEE Trans. Magn. 20 (1984) 1962.
     """
     d = np.asarray(distance, float)
     half_a, half_b = 0.5 * np.asarray(size_a, float), 0.5 * np.asarray(size_b, float)
+    if not (np.all(half_a >= 0.0) and np.all(half_b >= 0.0)):
+        raise ValueError("edges must be at least 0")
+    if np.any(np.all(np.abs(d) < (1.0 - 1e-12) * (half_a + half_b), axis=-1)):
+        raise ValueError("cuboids must not overlap: along one axis their centres must be at least "
+                         "the mean of their edges apart")
     signs = np.array(list(product((-1.0, 1.0), repeat=6)))
     corner = d[..., None, :] + signs[:, :3] * half_b - signs[:, 3:] * half_a
     u, v, w = np.moveaxis(corner, -1, 0)

@@ -36,9 +36,11 @@ def seat(radius: float, width: float) -> float:
     ValueError
         The circle is narrower than the square.
     """
-    if not radius >= 0.5 * width:
-        raise ValueError(f"{radius} m must be at least half the width of the tile, {width} m")
-    return math.sqrt(radius * radius - 0.25 * width * width) - 0.5 * width
+    least = math.sqrt(0.5) * width
+    if not radius >= (1.0 - 1e-12) * least:
+        raise ValueError(f"a radius of {radius} m must be at least half the diagonal of the tile, "
+                         f"{least:g} m")
+    return max(math.sqrt(radius * radius - 0.25 * width * width) - 0.5 * width, 0.0)
 
 
 def wall_slide(radius: float, width: float, mass: float, mu: float) -> WallSlide:
@@ -57,7 +59,8 @@ def wall_slide(radius: float, width: float, mass: float, mu: float) -> WallSlide
     Raises
     ------
     ValueError
-        A corner would have to pull: the motion is another one.
+        The circle is narrower than the square; or a corner would have to pull: the motion is
+        another one.
     """
     d = seat(radius, width)
     cos, sin = (d + 0.5 * width) / radius, 0.5 * width / radius
@@ -73,7 +76,13 @@ def wall_slide(radius: float, width: float, mass: float, mu: float) -> WallSlide
 
 
 def wall_rest(radius: float, width: float, load: float) -> float:
-    """Normal force (N) at either corner of a tile that a radial load presses on a smooth wall."""
+    """Normal force (N) at either corner of a tile that a radial load presses on a smooth wall.
+
+    Raises
+    ------
+    ValueError
+        The circle is narrower than the square.
+    """
     return 0.5 * load * radius / (seat(radius, width) + 0.5 * width)
 
 
@@ -99,7 +108,16 @@ def rocking_fall(load: float, mass: float, width: float, tilt: float) -> Fall:
 
     The corner sticks and 1/2 (2/3 m w^2) omega^2 = F w/2 (cos t0 + sin t0 - cos t - sin t).
     Without a load it stays: the time is infinite.
+
+    Raises
+    ------
+    ValueError
+        A load that lifts, or a tilt from which it does not fall.
     """
+    if not 0.0 <= load < math.inf:
+        raise ValueError(f"the load must be finite and at least 0, not {load} N")
+    if not 0.0 <= tilt < 0.25 * math.pi:
+        raise ValueError(f"the tilt must be from 0 to below pi/4, not {tilt} rad")
     if load == 0.0:
         return Fall(math.inf, 0.0)
     inertia = 2.0 / 3.0 * mass * width * width

@@ -74,7 +74,17 @@ def critical_load(angle: float, n: float, bond: float, mu: float = 0.0,
 
     on the axis (1 + mu) g + floor sqrt(1 + mu^2), on the diagonal sqrt(2) g + floor.
     Needs mu < 1; infinite where the load presses the block into the corner.
+
+    Raises
+    ------
+    ValueError
+        A size that is not positive, a bond or friction below 0, or mu from 1 on.
     """
+    if not n > 0.0 or not bond >= 0.0 or not floor >= 0.0:
+        raise ValueError(f"the size must be positive, bond and floor at least 0, not {n}, "
+                         f"{bond} N and {floor} N")
+    if not 0.0 <= mu < 1.0:
+        raise ValueError(f"mu must be from 0 to below 1, not {mu}")
     g, low = bond / n, math.atan(mu)
     c, s = math.cos(angle), math.sin(angle)
     root = (g * (c + s)) ** 2 - 2.0 * g * g + floor * floor
@@ -180,7 +190,15 @@ def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOAR
     a cut-off of up to one tile width; a and b are taken from the blocks with n = 1 and 2.
     It holds the block as a whole.  Without friction a single row, which has a alone, slides out
     first; ``theory.statics`` finds that.
+
+    Raises
+    ------
+    ValueError
+        A cut-off beyond one tile width.
     """
+    if not law.cutoff <= law.width * (1.0 + 1e-9):
+        raise ValueError(f"the cut-off must be at most one tile width, {law.width:g} m, not "
+                         f"{law.cutoff:g} m")
     one, two = (_pull(k, law, glues) for k in (1, 2))
     return (two - one) + (2.0 * one - two) / n
 
@@ -197,6 +215,11 @@ def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law:
     """The n_s at which a reading's bound is met by the bonds of a block of that size.
 
     0 where the seed pushes them away.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`seed_bond`.
     """
 
     def beyond(log_n: float) -> float:
@@ -216,7 +239,13 @@ def _short(value: float) -> str:
 
 def report(load: float, mu: float = 0.25, floor: float | None = None,
            law: Law | None = None) -> str:
-    """All readings as a table; `law` is that of the columns with all pairs."""
+    """All readings as a table; `law` is that of the columns with all pairs.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`seed_bond`.
+    """
     law = Law(cutoff=0.03, switch=0.1) if law is None else law
     floor = max_force(0.25, 0.016) if floor is None else floor
     bond = force(2.0 * law.inset, Law(law.alpha, law.beta))

@@ -74,7 +74,17 @@ def shaking(tiles: Tiles, force: float) -> Loads:
 
 
 # How well two families cancel: mean and standard deviation of the number of tiles of one family
-# less that of the other.
+# less that of the other.  Numbers below 0, and probabilities that are none, are a ValueError.
+
+
+def _numbers(*counts: float) -> None:
+    if not all(count >= 0 for count in counts):
+        raise ValueError(f"numbers of sites and tiles must be at least 0, not {counts}")
+
+
+def _probability(p: float) -> None:
+    if not 0.0 <= p <= 1.0:
+        raise ValueError(f"a probability must be from 0 to 1, not {p}")
 
 
 def imbalance_of_block(n: int) -> int:
@@ -84,23 +94,33 @@ def imbalance_of_block(n: int) -> int:
 
 def imbalance_of_occupation(plus: int, minus: int, p: float) -> tuple[float, float]:
     """Each of `plus` and `minus` sites is occupied with probability p, independently."""
+    _numbers(plus, minus)
+    _probability(p)
     return p * (plus - minus), math.sqrt(p * (1.0 - p) * (plus + minus))
 
 
 def imbalance_of_choice(plus: int, minus: int, tiles: int) -> tuple[float, float]:
     """`tiles` of `plus` + `minus` sites are occupied at random (hypergeometric)."""
+    _numbers(plus, minus, tiles)
     sites = plus + minus
-    variance = tiles * plus * minus * (sites - tiles) / (sites**2 * max(sites - 1, 1))
-    return tiles * (plus - minus) / sites, 2.0 * math.sqrt(variance)
+    if tiles > sites:
+        raise ValueError(f"{tiles} tiles do not fit on {sites} sites")
+    of = max(sites, 1)
+    variance = tiles * plus * minus * (sites - tiles) / (of**2 * max(sites - 1, 1))
+    return tiles * (plus - minus) / of, 2.0 * math.sqrt(variance)
 
 
 def imbalance_of_families(tiles: int, share: float = 0.5) -> tuple[float, float]:
     """Each tile is of the first family with probability `share`; sqrt(tiles) spread at 1/2."""
+    _numbers(tiles)
+    _probability(share)
     return tiles * (2.0 * share - 1.0), 2.0 * math.sqrt(tiles * share * (1.0 - share))
 
 
 def imbalance_of_turns(plus: int, minus: int, turned: float) -> tuple[float, float]:
     """Each tile's heading is half a turn wrong with probability `turned`, independently."""
+    _numbers(plus, minus)
+    _probability(turned)
     return ((1.0 - 2.0 * turned) * (plus - minus),
             2.0 * math.sqrt((plus + minus) * turned * (1.0 - turned)))
 

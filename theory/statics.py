@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -41,8 +42,10 @@ Site = tuple[int, int]  # column, row
 CHESSBOARD: tuple[Glues, Glues] = ((1, 2, 1, 2), (-1, -2, -1, -2))  # black, white; (0, 0) black
 ORIENTED: tuple[Glues, Glues] = ((2, 2, -1, -1), (1, 1, -2, -2))  # the second tile set
 
-# A load factor above this, in units of the forces at hand, counts as no bound at all.
+# A load factor above this, in units of the forces at hand or of the floor's torque, counts as no
+# bound at all.
 UNBOUNDED = 1e3
+MOST = 1e12  # N, of a floor's torque over half the width: what is more counts as this
 # Of the force scale: a contact that can carry more than a tenth of it still presses or sticks.
 # HiGHS keeps its constraints to 1e-7.
 SPARE = 1e-3
@@ -176,12 +179,17 @@ class Statics:
     mu
         Friction between tiles.
     floor
-        Largest force (N) and torque (N m) of the floor on a tile.
+        Largest force (N) and torque (N m) of the floor on a tile; the torque may be infinite.
     rigid
         Tiles of one number (int64[n]) move as one body, whatever holds them together; by default
         each on its own.
     tolerance
         Relative, of a floor's disc.
+
+    Raises
+    ------
+    ValueError
+        No free tile, or a negative friction.
 
     Notes
     -----
@@ -198,6 +206,9 @@ class Statics:
                  tolerance: float = 1e-4) -> None:
         if tiles.held.all():
             raise ValueError("there is no free tile")
+        if not 0.0 <= mu < math.inf or not 0.0 <= floor[0] < math.inf or not floor[1] >= 0.0:
+            raise ValueError(f"mu and floor must be finite, but for the floor's torque, and at "
+                             f"least 0, not {mu:g} and {floor[0]:g} N, {floor[1]:g} N m")
         self.tiles, self.mu, self.floor = tiles, mu, floor
         self.tolerance = tolerance
         self.width = law.width
@@ -206,9 +217,9 @@ class Statics:
         body = np.where(tiles.held, -1, body)  # the held tiles are one body that does not move
         self.magnets = magnet_wrench(tiles, law, mating=mating)
         self.edges = _shared_edges(tiles, body)
-        # Not of the floor's torque, whose bound may be as good as none.
+        # Not of the floor's torque, whose bound may be as good as none; see :meth:`_wide`.
         self.scale = (max(float(np.abs(self.magnets[:, :2]).max()), floor[0])
-                      or 2.0 * floor[1] / law.width or 1.0)
+                      or min(2.0 * floor[1] / law.width, MOST) or 1.0)
         self._gather = self._equations(body)
         self._columns = self._gather @ self._forces()
         self._corner_of = np.repeat(np.arange(f), 16)  # which free tile, and where: [k, 2]
@@ -344,11 +355,24 @@ class Statics:
         self._corner_of = np.concatenate([self._corner_of, which, which])
         self._corners = np.concatenate([self._corners, way, mirror])
 
+    def _wide(self) -> Statics | None:
+        """The same in units of the floor's torque, if that is the largest of all; else None.
+
+        A load that it alone meets can be far beyond all forces, and yet bounded.
+        """
+        turning = 2.0 * self.floor[1] / self.width
+        if not self.scale < turning < MOST:
+            return None
+        wide = copy(self)
+        wide.scale = turning
+        return wide
+
     def _load(self, load: ArrayLike) -> tuple[Reals, float]:
         """A load of size 1 and its size (N)."""
         load = np.asarray(load, dtype=np.float64)
-        if load.shape != self.magnets.shape:
-            raise ValueError(f"a load must be force and torque of every tile, {self.magnets.shape}")
+        if load.shape != self.magnets.shape or not np.all(np.isfinite(load)):
+            raise ValueError("a load must be force and torque of every tile, finite and of shape "
+                             f"{self.magnets.shape}")
         load = np.where(self.tiles.held[:, None], 0.0, load)
         size = max(float(np.abs(load[:, :2]).max()), 2.0 * float(np.abs(load[:, 2]).max())
                    / self.width)
@@ -360,6 +384,11 @@ class Statics:
 
         `dead` is a load that is there as it is.  `contacts`: also find a state of rest there, and
         what it leaves no freedom.
+
+        Raises
+        ------
+        ValueError
+            No load, or one that is not of shape [n, 3] or not finite.
         """
         unit, size = self._load(load)
         if size == 0.0:
@@ -370,7 +399,9 @@ class Statics:
             return Rest(0.0, 0.0, None, None)
         (factor,), error, power = found
         if factor > 0.99 * UNBOUNDED:
-            return Rest(math.inf, 0.0, None, None)
+            wide = self._wide()
+            return Rest(math.inf, 0.0, None, None) if wide is None else wide.rest(
+                load, dead=dead, contacts=contacts)
         ratio = self.scale / size
         work = float(np.sum(power * unit)) * size
         near = fixed + factor * (1.0 - 1e-6) * self.scale * unit
@@ -408,6 +439,11 @@ class Statics:
     def worst_phase(self, a: ArrayLike, b: ArrayLike) -> Phase:
         """The worst phase of the load cos(phase) a + sin(phase) b (each float64[n, 3]).
 
+        Raises
+        ------
+        ValueError
+            No load, or one that is not of shape [n, 3] or not finite.
+
         Notes
         -----
         The pairs of coefficients that are borne are a convex set about the origin, and the worst
@@ -440,7 +476,8 @@ class Statics:
             height = np.sum(normal * np.array(points), axis=1)
             k = int(np.argmin(height))
             if height[k] > 0.99 * UNBOUNDED:
-                return Phase(math.inf, math.nan, 0.0)
+                wide = self._wide()
+                return Phase(math.inf, math.nan, 0.0) if wide is None else wide.worst_phase(a, b)
             found = self._support(loads, normal[k], -far, far)
             assert found is not None
             point, error, _ = found
