@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ Interval = tuple[float, float]
 
 REFERENCE = 0.01  # m, where the power law's amplitude is taken
 SHAPES = (0.03, 0.1, 0.3, 1.0, 3.0)  # starts of a length, in largest distances
+VALLEY = 12  # points along the valley of a fit of three parameters or more
 
 
 class Parameter(NamedTuple):
@@ -120,13 +122,23 @@ def models(distance: str = "centre", inset: float = 0.0,
 # Parameters whose largest value is only where the search for them ends.
 SEARCHED = ("alpha", "beta", "force", "exponent")
 
-LOSSES: dict[str, tuple[float, Callable[[Floats], Floats], Callable[[Floats], Floats]]] = {
-    # tuning constant (scales of the residuals), rho' and rho'' of the squared residual, as SciPy's
-    "linear": (1.0, np.ones_like, np.zeros_like),
-    "soft_l1": (1.345, lambda z: (1 + z) ** -0.5, lambda z: -0.5 * (1 + z) ** -1.5),
-    "huber": (1.345, lambda z: np.where(z > 1, np.maximum(z, 1) ** -0.5, 1.0),
-              lambda z: np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
-    "cauchy": (2.385, lambda z: 1 / (1 + z), lambda z: -1 / (1 + z) ** 2),
+class Loss(NamedTuple):
+    """A loss of the squared residual over the squared threshold, as SciPy's."""
+
+    tuning: float  # the threshold, in scales of the residuals
+    rho: Callable[[Floats], Floats]
+    first: Callable[[Floats], Floats]  # rho'
+    second: Callable[[Floats], Floats]  # rho''
+
+
+LOSSES = {
+    "linear": Loss(1.0, np.asarray, np.ones_like, np.zeros_like),
+    "soft_l1": Loss(1.345, lambda z: 2 * ((1 + z) ** 0.5 - 1), lambda z: (1 + z) ** -0.5,
+                    lambda z: -0.5 * (1 + z) ** -1.5),
+    "huber": Loss(1.345, lambda z: np.where(z > 1, 2 * np.maximum(z, 1) ** 0.5 - 1, z),
+                  lambda z: np.where(z > 1, np.maximum(z, 1) ** -0.5, 1.0),
+                  lambda z: np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
+    "cauchy": Loss(2.385, np.log1p, lambda z: 1 / (1 + z), lambda z: -1 / (1 + z) ** 2),
 }
 
 
@@ -295,7 +307,11 @@ def fit(
         Parameters that are known, and limits for the others (None: the model's own), by name.
     loss
         ``"linear"``, or ``"soft_l1"``, ``"huber"``, ``"cauchy"`` against outliers; their
-        threshold follows from the median of the residuals.
+        threshold follows from the median of the residuals.  Outliers can hold such a fit at a
+        curve of their own: it is also started with amplitudes from medians, and the solution of
+        the least scatter, by that median, is kept; of those with absolute uncertainties, whose
+        threshold is known, the one of the least loss.  Of at most twice as many points as free
+        parameters half are near some curve anyway, and plain least squares is the one start.
     absolute
         Take `sd` at its word.  Otherwise only its ratios count, and standard errors are scaled
         by sqrt(chi^2/dof).
@@ -306,7 +322,8 @@ def fit(
     ------
     ValueError
         No more points than free parameters, values that are not finite, uncertainties that are
-        not positive, unknown names, or a model that is not finite at these distances.
+        not positive, unknown names, a fixed value that the model's parameter cannot take, no
+        start, or a model that is not finite at these distances.
     """
     d, f = np.asarray(distance, float), np.asarray(force, float)
     s = None if sd is None else np.asarray(sd, float)
@@ -322,6 +339,8 @@ def fit(
         if name not in model.names:
             raise ValueError(f"{name} is not a parameter of {model.name}, which has "
                              f"{', '.join(model.names)}")
+    if starts < 1:
+        raise ValueError(f"starts must be at least 1, not {starts}")
     free = np.array([name not in known for name in model.names])
     if not free.any():
         raise ValueError("all parameters are fixed; at least one must be free")
@@ -332,6 +351,10 @@ def fit(
         if not p.low < p.high:
             raise ValueError(f"no {p.name} is left: it is at least {p.low:g} {p.unit}, and no more "
                              f"than the least centre distance, {p.high:g} {p.unit}")
+    for p in model.parameters:
+        if not p.low <= known.get(p.name, p.low) <= p.high:
+            raise ValueError(f"{p.name} must be from {p.low:g} to {p.high:g} {p.unit}".rstrip()
+                             + f", not {known[p.name]:g}")
     limits = [given.get(p.name, (None, None)) for p in model.parameters]
     low = np.array([p.low if a is None else a
                     for p, (a, _) in zip(model.parameters, limits, strict=True)])
@@ -357,17 +380,38 @@ def fit(
     best = replace(best, optima=len(different))
     if loss == "linear":
         return best
-    best, tuning = replace(best, loss=loss), LOSSES[loss][0]
+    begun = [best]
+    if f.size > 2 * free.sum():
+        begun += [replace(best, values=start)
+                  for start in _starts(empty, known, medians=True)[:starts]]
+    robust = [_robust(each, loss) for each in begun]
+    return min(robust, key=_loss if best.absolute else _median_scale)
+
+
+def _robust(start: Fit, loss: str) -> Fit:
+    """The fit of a robust loss that a start leads to."""
+    found = replace(start, loss=loss)
     for _ in range(30):  # the threshold and the fit depend on each other
-        scale = 1.0 if best.absolute else _median_scale(best)
-        if scale == 0 or abs(tuning * scale - best.threshold) <= 1e-6 * best.threshold:
+        scale = 1.0 if found.absolute else _median_scale(found)
+        threshold = LOSSES[loss].tuning * scale
+        if scale == 0 or abs(threshold - found.threshold) <= 1e-6 * found.threshold:
             break
-        best = _solve(replace(best, threshold=tuning * scale))
-    return best
+        found = _solve(replace(found, threshold=threshold))
+    return found
 
 
-def _starts(problem: Fit, known: Mapping[str, float]) -> list[Floats]:
-    """Starting values, the best first; each with the least-squares amplitude."""
+def _loss(fit: Fit) -> float:
+    """The sum that a robust loss makes least, in uncertainties squared."""
+    z = (fit.weight * fit.residuals / fit.threshold) ** 2
+    return fit.threshold**2 * float(np.sum(LOSSES[fit.loss].rho(z)))
+
+
+def _starts(problem: Fit, known: Mapping[str, float], medians: bool = False) -> list[Floats]:
+    """Starting values, the best first; each with the least-squares amplitude.
+
+    With `medians` the amplitude, and what is best, are those of medians: half of the points may be
+    anything.
+    """
     model, weight = problem.model, problem.weight
     ranked: list[tuple[float, Floats]] = []
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -380,13 +424,16 @@ def _starts(problem: Fit, known: Mapping[str, float]) -> list[Floats]:
                              np.clip(start, problem.low + inner, problem.high - inner), start)
             if problem.free[0]:
                 unit = weight * model.force(problem.distance, 1.0, *start[1:])
-                amplitude = np.sum(unit * weight * problem.force) / np.sum(unit**2)
+                amplitude = (np.median(weight * problem.force / unit) if medians else
+                             np.sum(unit * weight * problem.force) / np.sum(unit**2))
                 amplitude = max(amplitude, 0.0) ** (1 / model.power)
                 margin = min(inner[0], 1e-9 * amplitude) or inner[0]  # forces may be tiny
                 start[0] = np.clip(amplitude, problem.low[0] + margin, problem.high[0] - margin)
-            chi2 = replace(problem, values=start).chi2
-            if np.isfinite(chi2) and not any(np.array_equal(start, other) for _, other in ranked):
-                ranked.append((chi2, start))
+            made = replace(problem, values=start)
+            miss = _median_scale(made) if medians else made.chi2
+            if np.isfinite(made.chi2) and not any(np.array_equal(start, other)
+                                                  for _, other in ranked):
+                ranked.append((miss, start))
     if not ranked:
         raise ValueError(f"{model.formula} is not finite at the measured distances")
     return [start for _, start in sorted(ranked, key=lambda each: each[0])]
@@ -434,7 +481,7 @@ def _spread(fit: Fit) -> float:
     """What the standard errors are scaled by, in uncertainties."""
     if fit.loss == "linear":
         return fit.scale
-    _, first, second = LOSSES[fit.loss]
+    _, _, first, second = LOSSES[fit.loss]
     if fit.absolute:  # what residuals of unit scatter would give, not what these do
         res = np.linspace(-10.0, 10.0, 20001)
         z, share = (res / fit.threshold) ** 2, norm.pdf(res) * 1e-3
@@ -466,45 +513,95 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
         :func:`bootstrap`.  ``"normal"``: value -+ t standard errors, within the bounds; of
         `Fit.inside` for a parameter that is not at one.  Of a robust loss it is approximate.
     level, number, seed
-        Probability; number and random seed of the bootstrap.
+        Probability, between 0 and 1; number and random seed of the bootstrap.
 
     Raises
     ------
     ValueError
-        An unknown or fixed parameter or an unknown method; a profile or a bootstrap of a robust
-        loss.
+        An unknown or fixed parameter, an unknown method or a level that is none; a profile or a
+        bootstrap of a robust loss.
     """
     if name not in fit.model.names or not fit.free[fit.model.names.index(name)]:
         raise ValueError(f"{name} is not a free parameter of this fit")
-    k = fit.model.names.index(name)
-    if method == "bootstrap":
-        return bootstrap(fit, level, number, seed)[name]
-    if method == "normal":
-        one = fit if fit.at_bound[k] else fit.inside
-        half = one.quantile(level) * one.errors[k]
-        low, high = np.clip(fit.values[k] + np.array([-half, half]), fit.low[k], fit.high[k])
-        return float(low), float(high)
-    t = fit.quantile(level)
-    if method != "profile":
+    return intervals(fit, method, level, number, seed, only=name)[name]
+
+
+def intervals(fit: Fit, method: str = "profile", level: float = 0.95, number: int = 999,
+              seed: int = 1, *, only: str | None = None) -> dict[str, Interval]:
+    """Confidence intervals of all free parameters, as :func:`interval`, or of `only` one."""
+    if method not in ("profile", "bootstrap", "normal"):
         raise ValueError(f"method must be profile, bootstrap or normal, not {method!r}")
+    _check_level(level)
+    which = [k for k in np.flatnonzero(fit.free) if only in (None, fit.model.names[k])]
+    if method == "bootstrap":
+        ends = bootstrap(fit, level, number, seed)
+        return {fit.model.names[k]: ends[fit.model.names[k]] for k in which}
+    if method == "normal":
+        return {fit.model.names[k]: _normal(fit, int(k), level) for k in which}
     if fit.loss != "linear":
         raise ValueError("a profile needs loss linear: a robust loss has no likelihood; "
                          "use normal")
-    return _profile(fit, k, t, -1), _profile(fit, k, t, +1)
+    t, along = fit.quantile(level), _valley(fit)
+    return {fit.model.names[k]: (_profile(fit, int(k), t, -1, along),
+                                 _profile(fit, int(k), t, +1, along)) for k in which}
+
+
+def _check_level(level: float) -> None:
+    if not 0 < level < 1:
+        raise ValueError(f"level must be between 0 and 1, not {level}")
+
+
+def _normal(fit: Fit, k: int, level: float) -> Interval:
+    one = fit if fit.at_bound[k] else fit.inside
+    half = one.quantile(level) * one.errors[k]
+    low, high = np.clip(fit.values[k] + np.array([-half, half]), fit.low[k], fit.high[k])
+    return float(low), float(high)
 
 
 def profile(fit: Fit, name: str, value: float) -> float:
     """The least chi^2 over the other free parameters with one of them held at `value`."""
-    return _held(fit, fit.model.names.index(name), value).chi2
+    return _held(fit, fit.model.names.index(name), value, _valley(fit)).chi2
 
 
-def _held(fit: Fit, k: int, value: float) -> Fit:
+def _valley(fit: Fit) -> list[Floats]:
+    """Values along the valley of chi^2, in the order of the last free parameter; see :func:`_held`.
+
+    None with one or two free parameters, of which a profile leaves one to find.
+    """
+    which = np.flatnonzero(fit.free)
+    if which.size < 3:
+        return []
+    k = which[-1]
+    places = np.geomspace(max(fit.low[k], 1e-3 * fit.high[k]), fit.high[k], VALLEY)
+    found = [fit.values]
+    for side in (places[places > fit.values[k]], places[places < fit.values[k]][::-1]):
+        last = fit
+        for place in side:
+            last = _solve(replace(last, values=_put(last.values, k, place),
+                                  free=fit.free & (np.arange(fit.free.size) != k)))
+            found.append(last.values)
+    return sorted(found, key=lambda values: float(values[k]))
+
+
+def _held(fit: Fit, k: int, value: float, along: Sequence[Floats]) -> Fit:
+    """The best fit with parameter k held at `value`, whatever was looked at before.
+
+    Its starts are the fit, and where the valley has that value: of exact magnets a strong and small
+    one pulls almost as a weak and large one does, and with their polarisation held chi^2 has two
+    minima, flat and wide or long and slim.
+    """
     others = fit.free & (np.arange(fit.free.size) != k)
-    held = replace(fit, values=_put(fit.values, k, value), free=others)
-    return _solve(held) if held.free.any() else held
+    starts = [fit.values]
+    for a, b in pairwise(along):
+        if (a[k] - value) * (b[k] - value) <= 0 and a[k] != b[k]:
+            starts.append(a + (b - a) * (value - a[k]) / (b[k] - a[k]))
+    held = [replace(fit, values=_put(start, k, value), free=others) for start in starts]
+    if others.any():
+        held = [_solve(each) for each in held]
+    return min(held, key=lambda each: each.chi2 if np.isfinite(each.chi2) else math.inf)
 
 
-def _profile(fit: Fit, k: int, t: float, side: int) -> float:
+def _profile(fit: Fit, k: int, t: float, side: int, along: Sequence[Floats]) -> float:
     """Where the profile of parameter k passes its threshold; the bound if it does not before.
 
     Nor does it where it passes because another parameter has come to where the search for it ends:
@@ -514,16 +611,12 @@ def _profile(fit: Fit, k: int, t: float, side: int) -> float:
     allowed = (t * fit.scale) ** 2
     if allowed <= 1e-20 * float(np.sum((fit.weight * fit.force) ** 2)):
         return float(fit.values[k])  # the model goes through every point
-    last = fit
 
     def excess(value: float) -> float:
-        nonlocal last
-        held = _held(last, k, value)
         with np.errstate(divide="ignore"):
-            above = held.chi2 - fit.chi2
+            above = _held(fit, k, value, along).chi2 - fit.chi2
         if not np.isfinite(above):  # no force there, as at r + beta = 0
             return 1e3
-        last = held
         return math.sqrt(max(above, 0.0) / allowed) - 1
 
     error = fit.errors[k]
@@ -540,7 +633,7 @@ def _profile(fit: Fit, k: int, t: float, side: int) -> float:
     else:
         return float(limit)
     end = float(brentq(excess, inner, outer, xtol=1e-7 * abs(outer - inner), rtol=1e-7))
-    excess(end)
+    last = _held(fit, k, end, along)
     top = np.array([p.high if p.name in SEARCHED else np.inf for p in fit.model.parameters])
     stopped = (last.at_bound > 0) & (fit.at_bound <= 0) & (last.high == top)
     return float(limit) if stopped.any() else end
@@ -560,8 +653,11 @@ def bootstrap(fit: Fit, level: float = 0.95, number: int = 999,
     ValueError
         A robust loss: an outlier that is drawn again is no outlier any more, as the scatter that it
         is judged by is that of the points as they are.  And where a parameter is at its bound: the
-        estimates of resampled points pile up there.
+        estimates of resampled points pile up there.  A level that is none, or nothing drawn.
     """
+    _check_level(level)
+    if number < 1:
+        raise ValueError(f"number must be at least 1, not {number}")
     if fit.loss != "linear":
         raise ValueError("a bootstrap needs loss linear: it would draw the outliers again, for any "
                          "point; use normal")
@@ -604,7 +700,9 @@ def runs_test(residuals: ArrayLike) -> Runs:
     """How often independent residuals would have as few runs of one sign, or fewer.
 
     The exact distribution, given the numbers of either sign (Wald and Wolfowitz 1940); zeros are
-    left out.  `residuals` are in the order of the distances.
+    left out.  `residuals` are in the order of the distances.  Those of a fit change sign more often
+    than independent ones, as the curve goes through the points: of them the test is conservative,
+    few runs being rarer than `p_value` says.
     """
     signs = np.sign(np.asarray(residuals, float))
     signs = signs[signs != 0]

@@ -28,6 +28,7 @@ from theory.magnets import Law, fade
 EXACT = ("cylinder", "cuboid")
 LAW = fitting.models()["law"]  # of the distance between the magnets' centres
 ROUNDING = 1e-9  # of a distance
+WIDEST = 10.0  # m, the largest material.width of a scene
 
 
 class Result(NamedTuple):
@@ -90,6 +91,10 @@ def fit(
         For a value that is not allowed, or a model that cannot be fitted.
     """
     file = measured.file
+    for field, value, allowed in (("--model", model, tuple(fitting.models())),
+                                  ("--loss", loss, tuple(fitting.LOSSES))):
+        if value not in allowed:
+            raise InputError(f"must be one of {', '.join(allowed)}", field=field, value=value)
     if distance is not None and measured.kind not in ("distance", distance):
         raise InputError(f"must be {measured.kind}, as the header of {file} says",
                          field="--distance", value=distance)
@@ -132,8 +137,7 @@ def fit(
                          value=model) from None
     method = method or ("profile" if loss == "linear" else "normal")
     try:
-        intervals = {name: fitting.interval(main, name, method)
-                     for name, free in zip(main.model.names, main.free, strict=True) if free}
+        intervals = fitting.intervals(main, method)
     except ValueError as error:
         raise InputError(f"cannot be had: {error}", field="--interval", value=method) from None
     others: dict[str, Fit | str] = {}
@@ -240,7 +244,7 @@ def describe(result: Result) -> str:
         *_indent(_table(["", "value", "error", "95 %", "unit"], _values(result))),
         f"  {weighted}, {main.loss} loss, {result.method} intervals; {scaled}",
         *(["  intervals of a robust loss are approximate: with two outliers among twelve points "
-           "some 80 to 90 % hold the truth"] if main.loss != "linear" else []),
+           "some 70 to 95 % hold the truth"] if main.loss != "linear" else []),
         *([f"  correlation {', '.join(f'{c:.3f}' for c in correlation)}"]
           if correlation.size and np.isfinite(correlation).all() else []),
         "",
@@ -299,7 +303,7 @@ def _goodness(result: Result) -> list[str]:
         lines.append(f"chi2/dof {main.chi2 / main.dof:.3g} with {main.dof} degrees of freedom "
                      f"({_probability(main.p_value)})")
     lines.append(f"runs of one sign: {runs.runs}, by chance {runs.expected:.1f} "
-                 f"({_probability(runs.p_value)})")
+                 f"({_probability(runs.p_value)}; conservative, as a fit adds runs)")
     both = fitting.halves(main)
     if both is not None:
         rows = []
@@ -446,7 +450,11 @@ def section(result: Result) -> str:
         Where a scene would not take the values, or the model is not the law.
     """
     text = "\n".join(["[magnet]", *_lines(result).values()]) + "\n"
-    width = max(0.03, 4 * (result.inset or 0.0))
+    inset = result.inset or 0.0
+    if not inset < 0.5 * WIDEST:
+        raise InputError(f"must be below {0.5 * WIDEST:g} m, half the width of a scene's widest "
+                         "tile", field="--inset", value=f"{inset:g} m")
+    width = min(max(0.03, 4 * inset), WIDEST)
     parse(f'[tiles]\nset = "chessboard"\n[material]\nwidth = {width!r}\nmass = {20 * width**2!r}\n'
           f'[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n{text}')
     return text
