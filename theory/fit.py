@@ -451,6 +451,8 @@ def _solve(problem: Fit) -> Fit:
     values = problem.values.copy()
 
     def residuals(x: Floats) -> Any:
+        if not np.all(np.isfinite(x)):  # SciPy's step from a bound may be; it then takes less
+            return np.full(problem.force.size, np.nan)
         values[free] = x * unit
         return weight * (problem.model.force(problem.distance, *values) - problem.force)
 
@@ -586,15 +588,14 @@ def _valley(fit: Fit) -> list[Floats]:
 def _held(fit: Fit, k: int, value: float, along: Sequence[Floats]) -> Fit:
     """The best fit with parameter k held at `value`, whatever was looked at before.
 
-    Its starts are the fit, and where the valley has that value: of exact magnets a strong and small
-    one pulls almost as a weak and large one does, and with their polarisation held chi^2 has two
-    minima, flat and wide or long and slim.
+    Its starts are where the valley has that value, or comes nearest to it: of exact magnets a
+    strong and small one pulls almost as a weak and large one does, and with their polarisation held
+    chi^2 has two minima, flat and wide or long and slim.
     """
     others = fit.free & (np.arange(fit.free.size) != k)
-    starts = [fit.values]
-    for a, b in pairwise(along):
-        if (a[k] - value) * (b[k] - value) <= 0 and a[k] != b[k]:
-            starts.append(a + (b - a) * (value - a[k]) / (b[k] - a[k]))
+    starts = [a + (b - a) * (value - a[k]) / (b[k] - a[k]) for a, b in pairwise(along)
+              if (a[k] - value) * (b[k] - value) <= 0 and a[k] != b[k]]
+    starts = starts or [min([fit.values, *along], key=lambda each: abs(float(each[k]) - value))]
     held = [replace(fit, values=_put(start, k, value), free=others) for start in starts]
     if others.any():
         held = [_solve(each) for each in held]
