@@ -425,6 +425,14 @@ def test_a_profile_does_not_depend_on_what_was_looked_at_before():
     assert intervals(found)["height"] == interval(found, "height")
 
 
+def test_a_profile_that_runs_along_a_bound_has_its_ends():
+    """Of scattered points, where the solver's step from a bound is no number."""
+    force = np.array([2.211, 0.215, 0.07226, 0.02091, 0.008878, 0.005595, 0.002319, 0.001491])
+    found = fit(models("gap")["cuboid"], GAPS, force, 0.1 * force)
+    for k, (low, high) in enumerate(intervals(found).values()):
+        assert found.low[k] <= low < found.values[k] < high <= found.high[k]
+
+
 def test_all_intervals_are_made_at_once(here, monkeypatch):
     """One bootstrap has those of all parameters, and is the same for each."""
     data, calls = read("good.csv"), []
