@@ -642,7 +642,7 @@ def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts
     found = add_rows(work.rows, work.pairs, k, x, y, angle, work.c, work.s, v.mobile, v.moved,
                      work.way, work.far, widest(n, x, y, work.pairs, work.way))
     counts.surprises[0] += 1
-    for i in range(n if found < 0 else 0):
+    for i in range(n if found < 0 else 0):  # still beyond what is assumed, after the substep
         work.way[i] = -1.0 if v.moved[i] != 0 else work.way[i]
     return bool(found > 0)
 
