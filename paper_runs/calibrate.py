@@ -47,7 +47,7 @@ from scipy import stats
 
 from paper_runs.intervals import LEVEL, difference, mean, number, percent
 from paper_runs.merit import growth
-from paper_runs.paper import DURATION, END, SELF, SHAKING, STEADY
+from paper_runs.paper import DURATION, END, ENOUGH, SELF, SHAKING, STEADY
 from paper_runs.tables import DATA, HERE, against_plan, fields, given, load, markdown
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
@@ -59,7 +59,6 @@ LAW, FORCE, TORQUE = "floor.law", "drive.force", "drive.torque"
 PRINTED = "separate"  # the law of the paper's Table I, in which force and torque are chosen
 SHOWN = 10  # candidates in the ranking
 SEEDS = 2  # of the finals
-ENOUGH = 5  # runs; of fewer the scatter itself is unknown, and no figure counts as met or missed
 
 
 @dataclass(frozen=True)
@@ -336,12 +335,12 @@ def noise(folder: Path, table: pd.DataFrame, ranked: Sequence[Candidate] = ()) -
     spread = float(np.std(far, ddof=1))
     # Of a difference of two: root 2, and as the scatter is known from few seeds, Student's t.
     apart = float(stats.t.ppf(0.5 + LEVEL / 2, len(far) - 1)) * math.sqrt(2.0) * spread
-    near = sum(each.distance - ranked[0].distance < apart for each in ranked)
+    near = sum(each.distance - ranked[0].distance < apart for each in ranked[1:])
     return (f"Between single seeds of one setting the distance has a standard deviation of "
             f"{spread:.2f} (group base of the readings, {len(far)} seeds): two candidates of one "
             f"run each are told apart (95 %) if their distances differ by more than {apart:.2f}."
-            + (f" {near} of the {len(ranked)} settings of the maps are nearer than that to the "
-               "first." if ranked else ""))
+            + (f" {near} of the {len(ranked) - 1} other settings of the maps are nearer than that "
+               "to the first." if ranked else ""))
 
 
 def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
@@ -357,8 +356,8 @@ def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
             missing = "" if file.exists() else f" (nor {file.name}, which --finals writes)"
             lines.append(f"- {name}: nothing yet{missing}")
         elif file.exists():
-            said, missing_runs = against_plan(file, tables[name])
-            whole &= name not in ("finals", "refined") or not missing_runs
+            said, left, _ = against_plan(file, tables[name])
+            whole &= name not in ("finals", "refined") or not left
             lines += [f"- {name}: {said[0]}", *(f"  {line}" for line in said[1:])]
         else:
             lines.append(f"- {name}: {(tables[name]['status'] == 'done').sum()} runs")
@@ -452,6 +451,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             if not 1 <= arguments.finals <= most:
                 raise InputError(f"must be from 1 to {most}, the settings of the maps with "
                                  f"{PRINTED} friction for which both drives are there",
+                                 field="--finals", value=arguments.finals)
+            kept = folders["finals"] / "table.csv"
+            if kept.exists():
+                raise InputError(f"are kept already in {kept}: their plan stays what it is",
                                  field="--finals", value=arguments.finals)
             files[FILES["finals"]] = finals(ranked, arguments.finals)
         for path, content in files.items():

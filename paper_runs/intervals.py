@@ -15,7 +15,6 @@ from scipy import stats
 
 LEVEL = 0.95
 RESAMPLES = 10_000
-FEW = 10  # runs that differ from zero; below, a bootstrap of them would be too narrow
 
 
 class Estimate(NamedTuple):
@@ -135,44 +134,63 @@ def share(count: int, n: int) -> Estimate:
     return Estimate(count / n, low, high, n)
 
 
-def percent(counts: ArrayLike, sizes: ArrayLike) -> Estimate:
-    """The mean over runs of a count in per cent of a size, where most counts may be 0.
+def sparse(values: ArrayLike, least: float = 0.0) -> Estimate:
+    """The mean over runs of what is 0 in most of them, and never below.
 
-    A bootstrap over the runs if at least `FEW` have a count.  With fewer it would know of no
-    other values than those few, and of none at all of zero only: then the interval of a weighted
-    sum of Poisson counts (M. P. Fay and E. J. Feuer, Statistics in Medicine 16, 791, 1997; for
-    equal sizes Garwood's exact one).  It takes the counted things as independent, which is the
-    least that has to be assumed to say anything: one of 95 % covers the truth in 99 % where that is
-    so, and in 85 % where they come in fours.  Runs of size 0 have no percentage and are left out.
+    A bootstrap over the runs if most of them have any.  If not, it would know of no other values
+    than those few, and of none at all of zero only: then each run's value is one event of a
+    compound Poisson process, with the interval of a weighted sum of such (M. P. Fay and
+    E. J. Feuer, Statistics in Medicine 16, 791, 1997; for equal ones Garwood's exact one).  What
+    comes together counts so as one: an event adds what it does in our runs, in the mean over what
+    is counted, or `least` if that is more; where both are 0 there is no interval.  One of 95 %
+    covers the truth in 95 % of cases if half a dozen runs have any, or events are alike; in 75 to
+    90 % if fewer have, and some have far more than others.
     """
-    count, size = np.asarray(counts, dtype=float), np.asarray(sizes, dtype=float)
-    count, size = count[size > 0], size[size > 0]
-    n = len(count)
+    known = _known(values)
+    n = len(known)
     if n == 0:
         return Estimate(math.nan, math.nan, math.nan, 0)
-    if (count > 0).sum() >= FEW:
-        return bootstrap([100.0 * count / size], np.mean)
-    weight, tail = 100.0 / (n * size), 0.5 - LEVEL / 2
-    y, v, w = float(weight @ count), float(weight**2 @ count), float(weight.max())
+    if 2 * (known > 0).sum() > n:
+        return bootstrap([known], np.mean)
+    each, tail = known / n, 0.5 - LEVEL / 2
+    y, v = float(each.sum()), float(each @ each)
+    w = max(least / n, v / y if y else 0.0)
+    if w == 0.0:
+        return Estimate(y, math.nan, math.nan, n)
     low = v / (2 * y) * float(stats.chi2.ppf(tail, 2 * y**2 / v)) if y else 0.0
     above, spread = y + w, v + w**2
     high = spread / (2 * above) * float(stats.chi2.ppf(1 - tail, 2 * above**2 / spread))
     return Estimate(y, low, high, n)
 
 
-def percent_difference(first: tuple[ArrayLike, ArrayLike],
-                       second: tuple[ArrayLike, ArrayLike]) -> Estimate:
-    """The difference of two means of :func:`percent`, each given by its counts and sizes.
+def percent(counts: ArrayLike, sizes: ArrayLike, clump: float = 1.0) -> Estimate:
+    """The mean over runs of a count in per cent of a size, where most counts may be 0; see
+    :func:`sparse`.
 
-    From the two intervals, by squares: R. G. Newcombe, Statistics in Medicine 17, 873, 1998,
-    method 10; for any two estimates G. Y. Zou and A. Donner, the same 27, 1693, 2008.  Where
-    neither has a count, Welch's interval would have no width.
+    What is counted comes at least `clump` at a time: without any, the truth may be higher by that.
+    Runs of size 0 have no percentage and are left out.
     """
-    a, b = percent(*first), percent(*second)
-    return Estimate(a.value - b.value,
-                    a.value - b.value - math.hypot(a.value - a.low, b.high - b.value),
-                    a.value - b.value + math.hypot(a.high - a.value, b.value - b.low),
-                    min(a.n, b.n))
+    count, size = np.asarray(counts, dtype=float), np.asarray(sizes, dtype=float)
+    count, size = count[size > 0], size[size > 0]
+    return sparse(100.0 * count / size, 100.0 * clump / size.min() if len(size) else 0.0)
+
+
+def together(counts: ArrayLike) -> float:
+    """How many are there at a time, in the mean over what is counted; 1 where nothing is."""
+    count = np.asarray(counts, dtype=float)
+    return float(count @ count / count.sum()) if count.any() else 1.0
+
+
+def apart(a: Estimate, b: Estimate) -> Estimate:
+    """The difference of two independent estimates, from their intervals, by squares.
+
+    R. G. Newcombe, Statistics in Medicine 17, 873, 1998, method 10; for any two estimates G. Y. Zou
+    and A. Donner, the same 27, 1693, 2008.  Where neither has a count, Welch's interval would have
+    no width.
+    """
+    value = a.value - b.value
+    return Estimate(value, value - math.hypot(a.value - a.low, b.high - b.value),
+                    value + math.hypot(a.high - a.value, b.value - b.low), min(a.n, b.n))
 
 
 def slopes(time: ArrayLike, curves: ArrayLike, begin: float, end: float) -> NDArray[np.float64]:

@@ -6,9 +6,10 @@
 A campaign can be done in parts, over days and on several machines, each in a folder of its own:
 every call adds to paper_runs/data/NAME the rows of the runs that are done, or that failed, and
 `tbsa campaign ... --except paper_runs/data/NAME/table.csv` leaves out those that are done.  Parts
-must be of one version, and of one setting for each of their groups.  A run that is kept stays as
-it is.  While a campaign goes on its table can be newer than its curves: a run whose curve or wall
-time is not there to the end is left for the next call.
+must be of one version and of one plan, in which groups may have got more settings, but not others.
+A run that is kept stays as it is, unless it has been made longer, and with it all of its setting.
+While a campaign goes on its table can be newer than its curves: a run whose curve or wall time is
+not there to the end is left for the next call.
 
 With --group some records of the group's first run are kept too, of each of its scenes.  What is
 kept is laid out as a campaign's folder, so that the figures read either.  It cannot be resumed.
@@ -48,16 +49,19 @@ def keep(source: Path, target: Path, groups: Sequence[str], number: int) -> list
     listed, whole, right = new["table"], _whole(new), _whole(old)
     before = {row["run"]: row for row in old["table"]}
     taken = {row["run"]: row for row in listed
-             if (row["run"] in whole and row["run"] not in right) or (
+             if (row["run"] in whole and (row["run"] not in right or _longer(
+                 row, before[row["run"]]))) or (
                  row["status"] == "failed" and before.get(row["run"], row)["status"] == "failed")}
     rows = before | taken
     # In the order of the campaign's file, which the source's table lists in full.
     order = dict.fromkeys([*(row["run"] for row in listed if row["run"] in rows), *rows])
     _one_provenance([rows[run] for run in order], source, target)
+    _one_plan(listed, old["table"], source, target)
 
     chosen = [(row["run"], source / "runs" / row["run"])
-              for row in _first(rows.values(), [row for row in listed if row["run"] in rows],
-                                groups, source, target)]
+              for row in _first([row for run, row in before.items() if run not in taken],
+                                [row for row in listed if row["run"] in rows], groups, source,
+                                target)]
     ended = {run for run, row in taken.items() if row["status"] == "done"}
     files = {}
     for name in ("curves", "wall"):
@@ -110,6 +114,10 @@ def _number(text: str) -> float:
         return math.nan
 
 
+def _longer(row: Row, kept: Row) -> bool:
+    return _number(row["duration"]) > _number(kept["duration"])
+
+
 def _first(kept: Iterable[Row], listed: Iterable[Row], groups: Sequence[str], source: Path,
            target: Path) -> list[Row]:
     """The first run that is done of each group and scene, if there are no records of one yet."""
@@ -127,6 +135,27 @@ def _first(kept: Iterable[Row], listed: Iterable[Row], groups: Sequence[str], so
     return list(first.values())
 
 
+def _one_plan(listed: Sequence[Row], kept: Sequence[Row], source: Path, target: Path) -> None:
+    """The settings of a group and scene in the one are all in the other, or the other way round."""
+    def settings(rows: Sequence[Row]) -> dict[tuple[str, str], dict[str, str]]:
+        found: dict[tuple[str, str], dict[str, str]] = {}
+        for row in rows:
+            found.setdefault((row["group"], row["scene"]), {}).setdefault(row["settings"],
+                                                                          row["run"])
+        return found
+
+    ours, theirs = settings(listed), settings(kept)
+    for (group, scene), mine in ours.items():
+        other = theirs.get((group, scene), {})
+        if mine.keys() - other.keys() and other.keys() - mine.keys():
+            first, second = (runs[min(runs.keys() - rest.keys())]
+                             for runs, rest in ((mine, other), (other, mine)))
+            raise InputError(
+                f"of {source} and of what is kept must be those of one plan; {first} has a setting "
+                f"that is not kept, {second} one that is not there: keep them apart, in another "
+                "target", file=str(target), field=f"settings of group {group}")
+
+
 def _one_provenance(rows: Sequence[Row], source: Path, target: Path) -> None:
     """One version in all; one setting for all runs of a group, but for their seeds."""
     begun = [row for row in rows if row["version"]]  # what failed at once has none
@@ -140,8 +169,8 @@ def _one_provenance(rows: Sequence[Row], source: Path, target: Path) -> None:
     for row in rows:
         names = list(row)
         set_ = names[names.index("scene") + 1 : names.index("seed")]
-        what = (row["group"], row["scene"],
-                *(f"{name}={row[name]}" for name in sorted(set_) if row[name]))
+        what = (row["group"], row["scene"], *(f"{name}={row[name]}" for name in sorted(set_)
+                                              if row[name] and name != "run.duration"))
         first = known.setdefault(what, row)
         for name in ("settings", "duration"):
             if row[name] != first[name]:

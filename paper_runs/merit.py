@@ -22,14 +22,16 @@ import pandas as pd
 from paper_runs import paper
 from paper_runs.intervals import (
     Estimate,
+    apart,
     difference,
     mean,
     number,
     percent,
-    percent_difference,
     ratio,
     share,
     slopes,
+    sparse,
+    together,
 )
 from paper_runs.paper import DURATION, END, RUNS, SELF, SHAKING, Figure
 from paper_runs.tables import (
@@ -45,13 +47,16 @@ from paper_runs.tables import (
 
 Drives = dict[str, pd.DataFrame]  # the runs of each drive that are done
 HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reached?")
-RULES = f"""Intervals are over runs. Sizes, gains and errors over time: Student's t; their
-differences: Welch's; the ratio of sizes: Fieller's. Errors and holes at the end are means over runs
-of per cent of each run's size, by bootstrap over runs if at least ten of them have any, else from
-the Poisson interval of the counts of all runs; their differences: Newcombe's, from the intervals of
-the two. The Poisson interval takes each error as independent of the others: where errors come four
-at a time, one of 95 % holds the truth in about 85 %. The share of runs that have any stands below,
-with its exact binomial interval. What is above or below a number is not equal to it.
+RULES = f"""Intervals are over runs. Sizes and gains: Student's t; their differences, and that of
+errors over time: Welch's; the ratio of sizes: Fieller's. Errors and holes are means over runs of
+per cent of each run's size, by bootstrap over runs if most have any. If not, what a run has
+counts as one event of a compound Poisson process, as errors come several at a time; runs without
+any bound it by events of as many as there are together in our records (errors), or of one (holes).
+Such an interval of 95 % holds the truth in about 95 % if half a dozen runs have any, and in 75 to
+90 % if fewer have and some have far more than others; where no run ever has any there is none of
+errors over time. Differences of errors and holes at the end: Newcombe's, from the intervals of the
+two. The share of runs that have any at their end stands below, with its exact binomial interval.
+What is above or below a number is not equal to it.
 
 *Gain*: what the slope of size over the last third of the run, a straight line through each run's
 records, adds in that third, in per cent of the drive's mean end size. One threshold holds for both
@@ -70,13 +75,15 @@ def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]
     """What is measured, what the paper reports, ours, and the unit."""
     found = []
     gains = {drive: growth(folder, table) for drive, table in drives.items()}
+    clump = together(np.concatenate([errors(folder, table) for table in drives.values()]))
+    last = {drive: {"errors": percent(table["errors"], table["size"], clump),
+                    "holes": percent(table["holes"], table["size"])}
+            for drive, table in drives.items()}
     for drive, table in drives.items():
         found += [
             (f"{drive}: attached tiles at the end", END[drive]["size"], mean(table["size"]), ""),
-            (f"{drive}: errors at the end", END[drive]["errors"],
-             percent(table["errors"], table["size"]), "%"),
-            (f"{drive}: holes at the end", END[drive]["holes"],
-             percent(table["holes"], table["size"]), "%")]
+            (f"{drive}: errors at the end", END[drive]["errors"], last[drive]["errors"], "%"),
+            (f"{drive}: holes at the end", END[drive]["holes"], last[drive]["holes"], "%")]
         limit = paper.GROWING if drive == SELF else paper.SATURATED
         found.append((f"{drive}: gain over the last third", limit, mean(gains[drive].last), "%"))
         if drive == SELF:
@@ -91,13 +98,11 @@ def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]
         ("gain over the last third, self-stabilizing less shaking", paper.MORE,
          difference(gains[SELF].last, gains[SHAKING].last), "points"),
         ("errors at the end, self-stabilizing less shaking", paper.LESS,
-         percent_difference(*((each["errors"], each["size"]) for each in (ours, theirs))),
-         "points"),
+         apart(last[SELF]["errors"], last[SHAKING]["errors"]), "points"),
         ("errors over time, self-stabilizing less shaking", paper.LESS,
-         difference(over_time(folder, ours), over_time(folder, theirs)), "points"),
+         at_any_time(*(over_time(folder, each) for each in (ours, theirs))), "points"),
         ("holes at the end, self-stabilizing less shaking", paper.MORE,
-         percent_difference(*((each["holes"], each["size"]) for each in (ours, theirs))),
-         "points")]
+         apart(last[SELF]["holes"], last[SHAKING]["holes"]), "points")]
     return found
 
 
@@ -123,6 +128,19 @@ def growth(folder: Path, table: pd.DataFrame) -> Growth:
     return Growth(late, unit * early, unit * late)
 
 
+def at_any_time(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
+    """The difference of errors over time; without an interval where no run has any."""
+    found = difference(ours, theirs)
+    return found if ours.any() or theirs.any() else found._replace(low=math.nan, high=math.nan)
+
+
+def errors(folder: Path, table: pd.DataFrame) -> np.ndarray:
+    """How many errors there are in each record of these runs."""
+    if table.empty:
+        return np.zeros(0)
+    return records(folder, table, "errors")["errors"].to_numpy(dtype=float)
+
+
 def over_time(folder: Path, table: pd.DataFrame) -> np.ndarray:
     """Errors of every run in per cent, the mean over its records with an attached tile."""
     if table.empty:
@@ -141,7 +159,7 @@ def _beside(folder: Path, drives: Drives) -> list[str]:
         line = [drive, f"{number(table['size'].std())}" if n > 1 else "–",
                 f"{table['size'].min():.0f} to {table['size'].max():.0f}",
                 mean(last_third(folder, table)),
-                mean(1000.0 * growth(folder, table).slope), mean(over_time(folder, table))]
+                mean(1000.0 * growth(folder, table).slope), sparse(over_time(folder, table))]
         line += [str(share(int((table[name] > 0).sum()), n).scaled(100.0))
                  for name in ("errors", "holes")]
         line += [number(float(table[name].mean())) if name in table else "–"
@@ -174,7 +192,7 @@ def _walls(folder: Path, drives: Drives) -> list[str]:
 def report(folder: Path, plan: Path) -> str:
     """The table of figures of merit, in Markdown."""
     table = load(folder)
-    state, _ = against_plan(plan, table)
+    state, _, foreign = against_plan(plan, table)
     ended = table[table["status"] == "done"]
     drives = {drive: ended[ended["group"] == drive] for drive in (SELF, SHAKING)}
     lines = ["# The paper's figures of merit", "", *state]
@@ -185,11 +203,14 @@ def report(folder: Path, plan: Path) -> str:
         lines += ["", f"**{len(short)} of {runs} runs end at "
                   f"{', '.join(f'{each:g}' for each in sorted(set(short)))} s, the paper's at "
                   f"{DURATION:g} s: no figure counts as reached or not.**"]
+    elif foreign:
+        lines += ["", f"**{foreign} runs are not of {plan.name}: no figure counts as reached or "
+                  "not.**"]
     elif any(len(each) < RUNS for each in drives.values()):
         lines += ["", f"The paper has {RUNS} runs of each drive: this is preliminary."]
     lines += ["", *markdown(HEAD, [
         (what, figure.text, _range(figure), f"{ours} {unit}".strip(), ours.n,
-         "–" if short else figure.verdict(ours))
+         "–" if short or foreign else figure.verdict(ours))
         for what, figure, ours, unit in rows(folder, drives)])]
     return "\n".join([*lines, "", RULES, "", *_beside(folder, drives), *_walls(folder, drives), ""])
 

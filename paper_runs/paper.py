@@ -18,6 +18,7 @@ RUNS, DURATION = 36, 3600.0  # of each drive; s
 # The gain over the last third (per cent of the size) beyond which an assembly of either drive
 # counts as growing, and up to which as at its limit.  The paper shows curves; the number is ours.
 STEADY = 10.0
+ENOUGH = 5  # runs; of fewer the scatter itself is unknown, and no figure counts as met or missed
 
 
 class Figure(NamedTuple):
@@ -32,12 +33,15 @@ class Figure(NamedTuple):
     high: float
 
     def verdict(self, ours: Estimate) -> str:
-        """"reached" if our interval lies inside the range, "not reached" if outside."""
+        """"reached" if our interval lies inside the range, "not reached" if outside; "open" if it
+        reaches across, and of fewer than `ENOUGH` runs."""
         if math.isnan(ours.value):
             return "no data"
         where = "inside" if self._holds(ours.value) else "outside"
+        if ours.n < ENOUGH:
+            return f"open, {ours.n} {'runs' if ours.n > 1 else 'run'} only, our mean is {where}"
         if math.isnan(ours.low):
-            return f"one run only, {where}" if ours.n == 1 else "open, there is no interval"
+            return f"open, there is no interval, our mean is {where}"
         if self._holds(ours.low) and self._holds(ours.high):
             return "reached"
         if ours.high < self.low or ours.low > self.high or (

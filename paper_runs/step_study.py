@@ -72,7 +72,7 @@ def judged(part: Estimate) -> tuple[str, str, str, str]:
 def report(folder: Path, plan: Path) -> str:
     """The study in Markdown."""
     table = load(folder)
-    state, _ = against_plan(plan, table)
+    state, _, _ = against_plan(plan, table)
     ended = given(table[table["status"] == "done"], folder, STEP)
     sizes, verdicts = study(ended, last_third(folder, ended))
     times = ", ".join(f"{each:g}" for each in sorted(set(ended["duration"])))

@@ -22,7 +22,7 @@ DATA = HERE / "data"
 Row = dict[str, str]
 NEEDED = ("run", "group", "scene", "seed", "duration", "fingerprint", "status", "message")
 TEXTS = ("run", "group", "scene", "status", "fingerprint")
-STATUSES = ("done", "failed", "stopped", "waiting")
+STATUSES = ("done", "failed", "stopped", "waiting", "elsewhere")
 COUNTS = ("size", "errors", "holes")  # of every run that is done
 PERCENT = ("errors_percent", "holes_percent")  # none where nothing is attached
 POSITIVE = ("duration", "solver.step")
@@ -209,16 +209,17 @@ def walls(folder: Path) -> pd.Series[Any]:
     return table.set_index("run")["wall"]
 
 
-def against_plan(file: Path, table: pd.DataFrame) -> tuple[list[str], list[Planned]]:
-    """What is to be said of the campaign's state, and the runs of its file that are missing."""
+def against_plan(file: Path, table: pd.DataFrame) -> tuple[list[str], list[Planned], int]:
+    """What is to be said of the campaign's state, the runs of its file that are not done, and how
+    many of the table are not of this file."""
     plan = read_plan(file)
     status = {(row.group, row.fingerprint): row.status for row in table.itertuples()}
     known = {(each.group, each.mark) for each in plan}
-    missing = [each for each in plan if (each.group, each.mark) not in status]
+    left = [each for each in plan if status.get((each.group, each.mark)) != "done"]
+    missing = [each for each in left if status.get((each.group, each.mark)) != "failed"]
     failed = table[table["status"] == "failed"]
-    ended = int((table["status"] == "done").sum())
-    lines = [f"{ended} of {len(plan)} planned runs are done, {len(failed)} failed, "
-             f"{len(missing)} are missing."]
+    lines = [f"{len(plan) - len(left)} of {len(plan)} planned runs are done, "
+             f"{len(left) - len(missing)} failed, {len(missing)} are missing."]
     for group in dict.fromkeys(each.group for each in plan):
         mine = [each for each in missing if each.group == group]
         if mine:
@@ -228,9 +229,9 @@ def against_plan(file: Path, table: pd.DataFrame) -> tuple[list[str], list[Plann
               for run, message in zip(failed["run"], failed["message"], strict=True)]
     foreign = sum(key not in known for key in status)
     if foreign:
-        lines.append(f"- {foreign} runs of the table are not in {file.name} as it is now: a scene "
-                     "has changed since")
-    return lines, missing
+        lines.append(f"- {foreign} runs of the table are not in {file.name} as it is now: they are "
+                     "another campaign's, or a scene has changed since")
+    return lines, left, foreign
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:

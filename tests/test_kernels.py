@@ -122,8 +122,8 @@ def find_then_add(rows, pairs, k, x, y, angle, c, s, mobile, marked, way, far, w
     """Rows of the ways `way` and `far`; then those that the marked tiles have besides, whose ways
     are longer.  Returns how many of each."""
     m, _, _ = find_rows(rows, pairs, k, x, y, c, s, mobile, way, far, 1, crew)
-    colour_rows(rows, m, k, mobile)
-    recall(rows, m, k.n, NO_IMPULSES)
+    colour_rows(rows, m, k, mobile, crew)
+    recall(rows, k.n, NO_IMPULSES, 0, m)
     return m, add_rows(rows, pairs, k, x, y, angle, c, s, mobile, marked, way2, far2, widest)
 
 

@@ -230,7 +230,7 @@ def test_what_is_damaged_is_compiled_anew(tmp_path, warm, kind, damage):
 def test_a_helper_of_arrays_cannot_be_called_from_python():
     """It has no wrapper for that; without the check this would end the process."""
     with pytest.raises(TypeError, match="remember takes arrays"):
-        rows.remember(None, 0, 0, None)
+        rows.remember(None, 0, None, 0, 0)
     assert geometry.cos_sin(0.0) == (1.0, 0.0)
 
 

@@ -47,22 +47,30 @@ from tbsa.kernels.contacts import place_rows
 from tbsa.kernels.crew import (
     AHEAD,
     APPLY,
+    ASSUME,
     BACK,
     BEGIN,
+    BEYOND,
+    CLEAR,
     DEEP,
     END,
+    FILL,
     FLOOR,
+    KEEP,
     KICK,
     LEAST_BLOCKS,
     LEAST_TILES,
     LEAVE,
     LINE,
     LIST,
+    PACE,
     PAIRS,
     PLACE,
     PULL,
     REACT,
+    RECALL,
     ROWS,
+    SCALE,
     SWEEP,
     TALLY,
     TOTAL,
@@ -100,13 +108,17 @@ from tbsa.kernels.rows import (
     Impulses,
     Rows,
     add_rows,
+    clear_blocks,
     colour_rows,
+    fill_lanes,
     find_rows,
     recall,
+    recall_all,
     remember,
+    remember_all,
     rows_from,
 )
-from tbsa.kernels.solver import limit_work, relax, scale_impulses, work_on
+from tbsa.kernels.solver import find_scales, limit_work, relax, scale_impulses, work_on
 from tbsa.kernels.sweeps import (
     apply_blocks,
     apply_impulses,
@@ -346,11 +358,11 @@ def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None
         w[i] *= angular
 
 
-@inline
+@lane
 def assume(k: Numbers, left: float, everyone: bool, x: np.ndarray, y: np.ndarray,
-           angle: np.ndarray, work: Work) -> None:
-    """How far centre and corners of every tile, or of those marked in ``moved``, may come from
-    here in the rest of a step, of this length (s), under its forces, and some more.
+           angle: np.ndarray, work: Work, begin: int, end: int) -> None:
+    """How far centre and corners of each of these tiles, or of those marked in ``moved``, may come
+    from here in the rest of a step, of this length (s), under its forces, and some more.
 
     The last substep looks ahead to the middle of the next one, which is in the next step.
 
@@ -363,7 +375,7 @@ def assume(k: Numbers, left: float, everyone: bool, x: np.ndarray, y: np.ndarray
     corner, h = 0.7072 * k.width, left + 0.5 * k.h
     fm, fi = 0.5 * h / k.mass, 0.5 * h * corner / k.inertia
     more = 0.5 * NEAR * k.width
-    for i in range(U(k.n)):
+    for i in range(U(begin), U(end)):
         anew = everyone | (marked[i] != 0)
         x0[i] = x[i] if anew else x0[i]
         y0[i] = y[i] if anew else y0[i]
@@ -380,13 +392,27 @@ def assume(k: Numbers, left: float, everyone: bool, x: np.ndarray, y: np.ndarray
 @inline
 def beyond(k: Numbers, left: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
            work: Work) -> int:
-    """Mark in ``moved`` the tiles that will come further in the rest of a step than was assumed:
-    such as lay still, perhaps, and have been hit.  Returns how many there are."""
+    """Mark in ``moved`` the tiles that will come further in the rest of a step, of this length (s),
+    than was assumed: such as lay still, perhaps, and have been hit.  Returns how many there are."""
+    crew = work.crew
+    crew.numbers[5] = left
+    begin, end = give(crew, BEYOND, ZERO, k.n, LEAST_TILES)
+    some = mark_beyond(k, left, x, y, angle, work, begin, end)
+    collect(crew)
+    for other in range(1, crew.size if end < k.n else 1):
+        some += crew.found[other * LINE]
+    return int(some)
+
+
+@lane
+def mark_beyond(k: Numbers, left: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+                work: Work, begin: int, end: int) -> int:
+    """The same for these tiles."""
     v, way, far, x0, y0, angle0 = work.bodies, work.way, work.far, work.x0, work.y0, work.angle0
     vx, vy, w, marked = v.vx, v.vy, v.w, v.moved
     corner, time = 0.7072 * k.width, left + 0.5 * k.h
     some = 0
-    for i in range(U(k.n)):
+    for i in range(U(begin), U(end)):
         dx, dy, turned = x[i] - x0[i], y[i] - y0[i], abs(angle[i] - angle0[i])
         centre = (math.sqrt(dx * dx + dy * dy)
                   + time * math.sqrt(vx[i] * vx[i] + vy[i] * vy[i]))
@@ -407,12 +433,14 @@ def widest(n: int, x: np.ndarray, y: np.ndarray, pairs: Pairs, way: np.ndarray) 
     return most
 
 
-@inline
-def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, calm: bool) -> int:
-    """Length of the next substeps, in eighths of h, after the tiles that have rows."""
+@lane
+def fastest(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, begin: int,
+            end: int) -> Any:
+    """Of the tiles of these rows, the squares of how fast two turn, in root of the sum of squares,
+    and go past each other, at most (1/s^2, m^2/s^2)."""
     vx, vy, w, ra, rb = v.vx, v.vy, v.w, rows.a, rows.b
     turn2, past2, longest = 0.0, 0.0, JOINED * k.h
-    for i in range(rows.size[0]):
+    for i in range(U(begin), U(end)):
         a, b = U(ra[i]), U(rb[i])
         dx, dy = vx[b] - vx[a], vy[b] - vy[a]
         speed2 = dx * dx + dy * dy
@@ -421,6 +449,19 @@ def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, ca
             speed2 = min(speed2, towards * towards / max(x[a] * x[a] + y[a] * y[a], 1e-300))
         past2 = max(past2, speed2)
         turn2 = max(turn2, w[a] * w[a] + w[b] * w[b])
+    return turn2, past2
+
+
+@inline
+def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, calm: bool,
+             crew: Crew) -> int:
+    """Length of the next substeps, in eighths of h, after the tiles that have rows."""
+    begin, end = give(crew, PACE, ZERO, rows.size[0], LEAST_TILES)
+    turn2, past2 = fastest(k, rows, x, y, v, begin, end)
+    collect(crew)
+    for other in range(1, crew.size if end < rows.size[0] else 1):
+        turn2 = max(turn2, crew.deepest[other * LINE])
+        past2 = max(past2, crew.deepest[other * LINE + 1])
     turn, past = math.sqrt(turn2), math.sqrt(past2)
     ticks = TICKS * JOINED if calm and k.join_substeps != 0 else TICKS
     while ticks > TICKS and (ticks * k.h * turn > CALM_TURN * TICKS
@@ -582,10 +623,17 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
     Returns an error word, and the deepest overlap, where all rows have been found anew; else -1.
     """
     n, x, y, angle, v, rows = k.n, state.x, state.y, state.angle, work.bodies, work.rows
-    c, s, far, way = work.c, work.s, work.far, work.way
+    c, s, far, way, crew = work.c, work.s, work.far, work.way, work.crew
     first = left == k.substeps * TICKS
     few = not first and further <= n // FEW_TILES
-    assume(k, left * (k.h / TICKS), not few, x, y, angle, work)
+    rest = left * (k.h / TICKS)
+    if few:
+        assume(k, rest, False, x, y, angle, work, ZERO, n)
+    else:
+        crew.numbers[5] = rest
+        low, high = give(crew, ASSUME, ZERO, n, LEAST_TILES)
+        assume(k, rest, True, x, y, angle, work, low, high)
+        collect(crew)
     if few and add_rows(rows, work.pairs, k, x, y, angle, c, s, v.mobile, v.moved, way, far,
                         widest(n, x, y, work.pairs, way)) >= 0:
         return OK, -1.0
@@ -596,29 +644,29 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
             return error, -1.0
     turn(ZERO, n, angle, c, s)
     found, others, overlap = find_rows(rows, work.pairs, k, x, y, c, s, tiles.mobile, way, far,
-                                       ahead, work.crew)
+                                       ahead, crew)
     if found < 0:
         return MORE_ROWS, -1.0
     # As if rows had not been there before: a run may go on from here.
     known = rows.size[SCALED] > 0
     if others or not known or (first and rows.size[LATE] > 0):
         ticks = rows.size[SCALED] if known else np.int64(TICKS)
-        keep_impulses(k, rows, state)
-        if not colour_rows(rows, found, k, v.mobile):
+        keep_impulses(k, rows, state, crew)
+        if not colour_rows(rows, found, k, v.mobile, crew):
             rows.size[SCALED] = 0
             return MORE_ROWS, -1.0
-        recall(rows, found, n, state.impulses)
+        recall_all(rows, found, n, state.impulses, crew)
         rows.size[SCALED] = TICKS
         scale_to(rows, ticks)
     return OK, overlap
 
 
 @inline
-def keep_impulses(k: Numbers, rows: Rows, state: State) -> None:
+def keep_impulses(k: Numbers, rows: Rows, state: State, crew: Crew) -> None:
     """Note the impulses of the rows, if there are any, in the state, as those of a whole h."""
     if rows.size[SCALED] > 0:
         scale_to(rows, np.int64(TICKS))
-        remember(rows, rows.size[0], k.n, state.impulses)
+        remember_all(rows, rows.size[0], k.n, state.impulses, crew)
 
 
 @inline
@@ -638,7 +686,7 @@ def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts
     further = beyond(k, time, x, y, angle, work)
     if further == 0 or further > max(n // FEW_TILES, 1):
         return False
-    assume(k, time, False, x, y, angle, work)
+    assume(k, time, False, x, y, angle, work, ZERO, n)
     found = add_rows(work.rows, work.pairs, k, x, y, angle, work.c, work.s, v.mobile, v.moved,
                      work.way, work.far, widest(n, x, y, work.pairs, work.way))
     counts.surprises[0] += 1
@@ -795,7 +843,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                     if error != OK:
                         break
                     wanted = ticks_at(k, rows, x, y, v,
-                                      last[0] <= FEW and overlap <= CALM * k.width)
+                                      last[0] <= FEW and overlap <= CALM * k.width, work.crew)
                 # What has just hit is where it is to be only after the time that was foreseen.
                 ticks = min(promised, left - end)
                 ticks = ticks if last[2] > 0 else min(wanted, ticks)
@@ -826,7 +874,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         done += 1
         counts.steps[0] += 1
     last[1] = promised
-    keep_impulses(k, rows, state)
+    keep_impulses(k, rows, state, work.crew)
     copy(vx, state.vx, n + 1)
     copy(vy, state.vy, n + 1)
     copy(w, state.omega, n + 1)
@@ -881,6 +929,8 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
                 rows, with_substep(k, h), first, last)
         elif what == WORK:
             work_on(k, v, work.shift, first, last)
+        elif what == SCALE:
+            crew.found[me * LINE] = find_scales(rows, v, work.shift, first, last)
         elif what == BACK:
             crew.found[me * LINE] = find_stopped(k, v, work.shift, first, last)
         elif what == DEEP:
@@ -893,6 +943,21 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
                 magnets, work.pairs, k.n, tiles.glues, x, y, work.c, work.s, work.need,
                 work.turning, work.magnets, me, crew.size, first, last)
             crew.found[me * LINE], crew.found[me * LINE + 1] = pairs, left
+        elif what == ASSUME:
+            assume(k, crew.numbers[5], True, x, y, angle, work, first, last)
+        elif what == BEYOND:
+            crew.found[me * LINE] = mark_beyond(k, crew.numbers[5], x, y, angle, work, first, last)
+        elif what == PACE:
+            turn2, past2 = fastest(k, rows, x, y, v, first, last)
+            crew.deepest[me * LINE], crew.deepest[me * LINE + 1] = turn2, past2
+        elif what == KEEP:
+            crew.found[me * LINE] = remember(rows, k.n, state.impulses, first, last)
+        elif what == CLEAR:
+            clear_blocks(rows, k.n, first, last)
+        elif what == FILL:
+            fill_lanes(rows, k, tiles.mobile, first, last)
+        elif what == RECALL:
+            recall(rows, k.n, state.impulses, first, last)
         elif what == ROWS:
             m, deepest = rows_from(rows, work.pairs, k, x, y, work.c, work.s, tiles.mobile,
                                    work.way, work.far, me, crew.size, first, last)

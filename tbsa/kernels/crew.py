@@ -21,8 +21,9 @@ from tbsa.kernels.arrays import place
 from tbsa.kernels.jit import ZERO, inline, lane
 
 # What is to be done; see `help_out` in `advance.py`.
-(LEAVE, PAIRS, LIST, AHEAD, PULL, REACT, TOTAL, ROWS, BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR,
- TALLY, WORK, BACK, END, DEEP) = (np.int64(i) for i in range(19))
+(LEAVE, PAIRS, LIST, AHEAD, PULL, REACT, TOTAL, ASSUME, ROWS, KEEP, CLEAR, FILL, RECALL, PACE,
+ BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR, TALLY, WORK, SCALE, BACK, END, DEEP, BEYOND) = (
+     np.int64(i) for i in range(27))
 
 # Ranges shorter than this are not worth the way to another thread: 0.4 us there and back.
 LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = (np.int64(i) for i in (1024, 96, 1024, 8192))
@@ -37,7 +38,7 @@ class Crew(NamedTuple):
     job: np.ndarray  # int64[1], number of the job that was given out last
     done: np.ndarray  # int64[size * LINE], number of the job that each has done, or 0 has given
     what: np.ndarray  # int64[3], what it is, and its range
-    numbers: np.ndarray  # float64[5], what it needs to know, such as the length of the substep (s)
+    numbers: np.ndarray  # float64[6], what it needs to know, such as the length of the substep (s)
     found: np.ndarray  # int64[size * LINE], what each has found: points that hit, rows, pairs
     deepest: np.ndarray  # float64[size * LINE], m, overlap, likewise
 
@@ -46,7 +47,7 @@ def empty_crew(size: int) -> Crew:
     """A crew of so many threads, without a job."""
     lines = size * LINE
     return Crew(size, np.zeros(1, np.int64), np.zeros(lines, np.int64), np.zeros(3, np.int64),
-                np.zeros(5), np.zeros(lines, np.int64), np.zeros(lines))
+                np.zeros(6), np.zeros(lines, np.int64), np.zeros(lines))
 
 
 @intrinsic

@@ -20,7 +20,21 @@ import numpy as np
 
 from tbsa.kernels.arrays import columns, copy, set_all
 from tbsa.kernels.bodies import Numbers
-from tbsa.kernels.crew import LEAST_ROOM, LINE, ROWS, Crew, collect, give, share
+from tbsa.kernels.crew import (
+    CLEAR,
+    FILL,
+    KEEP,
+    LEAST_BLOCKS,
+    LEAST_ROOM,
+    LEAST_TILES,
+    LINE,
+    RECALL,
+    ROWS,
+    Crew,
+    collect,
+    give,
+    share,
+)
 from tbsa.kernels.geometry import corner_gap, cos_sin, off_wall, pair_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
@@ -345,7 +359,7 @@ def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
 
 
 @inline
-def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
+def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) -> bool:
     """Take the m new rows, and give them their places in the blocks, empty of impulses.
 
     Greedily, in order: a row takes the first colour that none of its mobile tiles has.  Returns
@@ -387,9 +401,6 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
     rows.size[1] = in_use
     if first[COLOURS] > 3 * rows.single.size // 4:
         return False
-    for block in range(first[COLOURS]):
-        # `place_pairs` writes every other field of every lane, `place_walls` does not.
-        empty_block(rows, block, k.n, ZEROED if block < first[PAIR_COLOURS] else BLOCK)
     for i in range(m):
         q = slot[i]
         block, at = first[q] + fill[q] // WIDE, fill[q] % WIDE
@@ -397,9 +408,32 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> bool:
             block, at = first[q] + fill[q], 0
         fill[q] += 1
         slot[i] = block * int(BLOCK) + at
-        fill_lane(rows, U(slot[i]), block * int(BODIES) + at, ra[i], rb[i], k, mobile)
+    begin, end = give(crew, CLEAR, ZERO, first[COLOURS], LEAST_BLOCKS)
+    clear_blocks(rows, k.n, begin, end)
+    collect(crew)
+    begin, end = give(crew, FILL, ZERO, m, LEAST_TILES)
+    fill_lanes(rows, k, mobile, begin, end)
+    collect(crew)
     index_rows(rows, m, k.n, mobile)
     return True
+
+
+@lane
+def clear_blocks(rows: Rows, n: int, begin: int, end: int) -> None:
+    """Make these blocks empty, in the fields that are read before they are written."""
+    for block in range(begin, end):
+        # `place_pairs` writes every other field of every lane, `place_walls` does not.
+        empty_block(rows, block, n, ZEROED if block < rows.first[PAIR_COLOURS] else BLOCK)
+
+
+@lane
+def fill_lanes(rows: Rows, k: Numbers, mobile: np.ndarray, begin: int, end: int) -> None:
+    """Put these rows into their lanes."""
+    ra, rb, slot = rows.a, rows.b, rows.slot
+    for i in range(begin, end):
+        at = U(slot[i])
+        t = at // BLOCK * BODIES + at % BLOCK
+        fill_lane(rows, at, t, ra[i], rb[i], k, mobile)
 
 
 @inline
@@ -465,13 +499,28 @@ def root(parent: np.ndarray, i: int) -> int:
 
 
 @inline
-def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
-    """Give the rows the impulses that their manifolds had at the end of the last step."""
+def recall_all(rows: Rows, m: int, n: int, old: Impulses, crew: Crew) -> None:
+    """Give the m rows the impulses that their manifolds had at the end of the last step."""
+    begin, end = give(crew, RECALL, ZERO, m, LEAST_TILES)
+    recall(rows, n, old, begin, end)
+    collect(crew)
+
+
+@lane
+def recall(rows: Rows, n: int, old: Impulses, begin: int, end: int) -> None:
+    """The same for these rows."""
     ra, rb, corner, slot, r = rows.a, rows.b, rows.corner, rows.slot, rows.field
     oa, ob, oid0, oid1 = old.a, old.b, old.id0, old.id1
     opn0, opn1, opt = old.pn0, old.pn1, old.pt
-    j, size = 0, old.size[0]
-    for i in range(m):
+    size = old.size[0]
+    j, high = ZERO, (size if begin > 0 else ZERO)
+    while j < high:  # the first that may be of these rows
+        middle = (j + high) // 2
+        if oa[middle] < ra[begin]:
+            j = middle + 1
+        else:
+            high = middle
+    for i in range(begin, end):
         a, b, k, wall = ra[i], rb[i], U(slot[i]), rb[i] == n
         if wall:  # its one id is fixed, and known to `place_rows`
             r[k + ID0], r[k + ID1] = float(corner[i]), float(corner[i])
@@ -491,16 +540,32 @@ def recall(rows: Rows, m: int, n: int, old: Impulses) -> None:
 
 
 @inline
-def remember(rows: Rows, m: int, n: int, store: Impulses) -> None:
-    """Store the impulses of the rows that carry any."""
+def remember_all(rows: Rows, m: int, n: int, store: Impulses, crew: Crew) -> None:
+    """Store the impulses of those of the m rows that carry any."""
+    begin, end = give(crew, KEEP, ZERO, m, LEAST_TILES)
+    j = remember(rows, n, store, begin, end)
+    collect(crew)
+    for other in range(1, crew.size if end < m else 1):
+        more, (at, _) = crew.found[other * LINE], share(crew, other, ZERO, m)
+        for whole in (store.a, store.b, store.id0, store.id1):
+            close_up(whole, at, j, more)
+        for number in (store.pn0, store.pn1, store.pt):
+            close_up(number, at, j, more)
+        j += more
+    store.size[0] = j
+
+
+@lane
+def remember(rows: Rows, n: int, store: Impulses, begin: int, end: int) -> int:
+    """The same for these rows, from place `begin` of the store on; returns how many do."""
     ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
     sa, sb, sid0, sid1 = store.a, store.b, store.id0, store.id1
     spn0, spn1, spt = store.pn0, store.pn1, store.pt
-    j = 0
-    for i in range(m):
+    j = begin
+    for i in range(begin, end):
         k = U(slot[i])
         sa[j], sb[j], sid0[j] = ra[i], rb[i], int(r[k + ID0])
         sid1[j] = -1 if rb[i] == n else int(r[k + ID1])
         spn0[j], spn1[j], spt[j] = r[k + PN0], r[k + PN1], r[k + PT]
         j += 1 if (r[k + PN0] != 0.0) | (r[k + PN1] != 0.0) else 0
-    store.size[0] = j
+    return j - begin

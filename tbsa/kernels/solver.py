@@ -16,7 +16,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.crew import LEAST_TILES, WORK, Crew, collect, give
+from tbsa.kernels.crew import LEAST_TILES, LINE, SCALE, WORK, Crew, collect, give
 from tbsa.kernels.floor import FloorLaw
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.momentum import PLAIN, hasten
@@ -110,6 +110,19 @@ def work_on(k: Numbers, v: Bodies, u: Bodies, begin: int, end: int) -> None:
                     + k.inertia * dw * (uw[i] + 0.5 * gw))
 
 
+@lane
+def find_scales(rows: Rows, v: Bodies, u: Bodies, begin: int, end: int) -> int:
+    """In place of the second term, for each of these tiles that stands for an island, by what its
+    impulses are to be scaled, else 1; returns how many islands work has been done on."""
+    energy, power, island = v.change, u.change, rows.island
+    some = 0
+    for i in range(U(begin), U(end)):
+        works = (island[i] == i) & (energy[i] + power[i] > 1e-14 * energy[i])
+        power[i] = max(-power[i] / energy[i], 0.0) if works else 1.0
+        some += 1 if works else 0
+    return some
+
+
 @inline
 def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray, v: Bodies,
                u: Bodies, crew: Crew) -> None:
@@ -132,13 +145,14 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.nda
         if first != i:
             energy[first] += energy[i]
             power[first] += power[i]
-    some, scale = 0, power
-    for i in range(n):
-        works = (island[i] == i) & (energy[i] + power[i] > 1e-14 * energy[i])
-        scale[i] = max(-power[i] / energy[i], 0.0) if works else 1.0
-        some += 1 if works else 0
+    begin, end = give(crew, SCALE, ZERO, k.n, LEAST_TILES)
+    some = find_scales(rows, v, u, begin, end)
+    collect(crew)
+    for other in range(1, crew.size if end < k.n else 1):
+        some += crew.found[other * LINE]
     if some == 0:
         return
+    scale = power
     scale[n] = 1.0
     for i in range(n):
         part = scale[island[i]]

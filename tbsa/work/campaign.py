@@ -180,8 +180,9 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
     Raises
     ------
     InputError
-        Where the file is not such a table, or has runs that are done and not in the plan, or
-        done by another version: they and those to come could not stand in one table.
+        Where the file is not such a table, or has runs that are done and not in the plan, of
+        another setting or longer than there, or done by another version: they and those to come
+        could not stand in one table.
     """
     import pandas as pd
 
@@ -191,16 +192,16 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
     try:
         rows = pd.read_csv(path, dtype=str, keep_default_na=False)
         rows = rows[rows["status"] == DONE]
-        ended = [(str(group), str(mark), float(duration), str(version), str(run))
-                 for group, mark, duration, version, run in zip(
-                     rows["group"], rows["fingerprint"], rows["duration"], rows["version"],
-                     rows["run"], strict=True)]
+        names = ("group", "fingerprint", "settings", "duration", "version", "run")
+        ended = [(*each, float(duration), version, run)
+                 for *each, duration, version, run in zip(*(map(str, rows[name])
+                                                            for name in names), strict=True)]
     except (OSError, ValueError, LookupError) as error:
         reason = getattr(error, "strerror", None) or f"{type(error).__name__} {error}"
         raise InputError(f"must be the table.csv of a campaign: {reason}", file=file) from None
     planned = {(each.group, each.mark): each for each in plan}
     found = set()
-    for group, mark, duration, version, name in ended:
+    for group, mark, settings, duration, version, name in ended:
         each = planned.get((group, mark))
         if each is None:
             raise InputError("is done there and is no run of this campaign: its scene has another "
@@ -209,6 +210,15 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
         if version != __version__:
             raise InputError(f"must be {__version__}, this version: runs of two versions do not go "
                              "into one table", file=file, field="version", value=version)
+        if settings != each.settings:
+            raise InputError("was done there with another record.interval, other colours or "
+                             "another temperature, and runs of two settings do not go into one "
+                             "table; take the setting back, or leave this table aside", file=file,
+                             field="run", value=name)
+        if _end(each) < round(duration / each.scene.solver.step):
+            raise InputError(f"s is less than the {duration:g} s that {name} has there: a run can "
+                             "be made longer, not shorter", file=file, field="run.duration",
+                             value=each.scene.run.duration)
         if _reaches_end(each, duration):
             found.add(each.name)
     return found
