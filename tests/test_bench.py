@@ -101,6 +101,20 @@ def test_the_recommended_solver_can_be_pasted_into_a_scene(trials):
     assert parse(base[:before] + part + "\n\n" + base[after:]).solver == chosen.solver
 
 
+@pytest.mark.parametrize("more", [
+    {}, {"at_rest": 0.025},
+    {"keep_lists": False, "skip_converged": False, "join_substeps": False}])
+def test_what_is_recommended_is_what_was_tried(more):
+    """Also where the scene's solver has what trials do not change."""
+    tried = Solver(step=1 / 240, substeps=12, tolerance=2e-2, passes=80, **more)
+    text = describe([Trial(tried, 1e-3, 1e-3, 1.0)], 1e-2)
+    part = text[text.index("[solver]"):]
+    assert part.count("\n") == 4 + len(more)  # and no more than that
+    base = dumps(driven())
+    before, after = base.index("[solver]"), base.index("[record]")
+    assert parse(base[:before] + part + "\n\n" + base[after:]).solver == tried
+
+
 def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
     """With the scene's own solver it ends where a run without a break does."""
     lone = scene([tile(0, 0)], floor=Floor(), body=Material(), reactor=Reactor("circle", 1.0),

@@ -869,12 +869,17 @@ def dumps(scene: Scene) -> str:
             continue
         if isinstance(part, Seed):
             lines.append('shape = "cells"')
-        cls = type(part)
-        kind = getattr(part, KINDS[cls][0]) if cls in KINDS else None
-        own = _fields_of(cls, kind)
-        lines += [f"{f.name} = {_toml(_coerce(f.type, getattr(part, f.name)))}"
-                  for f in fields(cls) if f.name in own]
+        lines += [f"{name} = {value}" for name, value in entries(part).items()]
     return "\n".join(lines) + "\n"
+
+
+def entries(part: Any) -> dict[str, str]:
+    """The fields of a part, those of its kind if it comes in kinds, and their values as TOML."""
+    cls = type(part)
+    kind = getattr(part, KINDS[cls][0]) if cls in KINDS else None
+    own = _fields_of(cls, kind)
+    return {f.name: _toml(_coerce(f.type, getattr(part, f.name)))
+            for f in fields(cls) if f.name in own}
 
 
 def canonical(scene: Scene) -> bytes:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
-from tbsa.model.scene import Scene, Solver
+from tbsa.model.scene import Scene, Solver, entries
 from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.model.squares import depth, near
 from tbsa.work.report import aligned
@@ -23,6 +23,7 @@ STILL = 1e-9  # widths; what moves less is at rest
 FINEST = 8  # of the shortest step, for the run that the others are held against
 LOOKS = 32  # at the overlap, in a trial
 LONGEST = 1 / 30  # s, step
+TRIED = ("step", "substeps", "tolerance", "passes")  # what a table of trials has
 
 
 @dataclass(frozen=True)
@@ -150,11 +151,11 @@ def describe(trials: Sequence[Trial], wanted: float) -> str:
         least = min(trial.error for trial in trials)
         return "\n".join([*table, f"no setting has an error of {wanted:g} of a width; the least "
                           f"is {least:.2g}"])
-    solver = chosen.solver
+    usual = entries(Solver())
     return "\n".join([
         *table, f"the cheapest with an error of at most {wanted:g} of a width:", "", "[solver]",
-        f"step = {solver.step!r}", f"substeps = {solver.substeps}",
-        f"tolerance = {solver.tolerance!r}", f"passes = {solver.passes}"])
+        *(f"{name} = {value}" for name, value in entries(chosen.solver).items()
+          if name in TRIED or value != usual[name])])
 
 
 def _takes(scene: Scene, solver: Solver) -> bool:
