@@ -122,8 +122,50 @@ def test_a_picture_has_the_shape_of_the_reactor(picture, width, height):
     assert title.y1 <= tall
 
 
-@pytest.mark.parametrize("reactor", [Reactor("rectangle", width=0.3, height=0.2), None])
-def test_the_legend_in_given_axes_covers_no_place_where_a_tile_may_be(reactor):
+@pytest.fixture
+def every_mark(monkeypatch):
+    """Pictures tell of a dozen of every mark, whatever is in them."""
+    monkeypatch.setattr(pictures, "_marks", lambda *_: dict.fromkeys(pictures.MARKS, 12))
+
+
+@pytest.mark.parametrize("marks", [0, 1, 5])
+@pytest.mark.parametrize("shape", [0.3, 0.4, 0.625, 0.7, 0.76, 0.8, 1.0, 2.0])
+def test_nothing_of_a_picture_is_cut_off(monkeypatch, shape, marks, tmp_path):
+    names = list(pictures.MARKS)[:marks]
+    monkeypatch.setattr(pictures, "_marks", lambda *_: dict.fromkeys(names, 12))
+    scene = scene_of(ATTACHED[:1], reactor=Reactor("rectangle", width=0.4, height=0.4 * shape))
+    seen = Picture(tmp_path / "picture.png", scene, time=60.0)
+    tall, wide, _ = seen.pixels.shape
+    assert seen.axes.title.get_window_extent().y1 <= tall
+    for legend in seen.axes.figure.legends:
+        box = legend.get_window_extent()
+        assert 0.0 <= box.x0 < box.x1 <= wide
+        assert 0.0 <= box.y0 < box.y1 <= seen.axes.xaxis.label.get_window_extent().y0
+    assert seen.axes.get_window_extent().width > (0.8 if shape <= 1.0 else 0.6) * wide
+
+
+@pytest.mark.parametrize("panels", [1, 2, 3, 4])
+def test_the_legend_of_a_sheet_is_no_wider_than_it(every_mark, panels):
+    scene, *rest = record(scene_of())
+    figure = sheet(scene, panels * [Snapshot(*rest, 1.0)])
+    box = figure.legends[0].get_window_extent()
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+
+
+def test_a_legend_is_no_wider_than_the_picture_if_it_can_be(every_mark):
+    """It has as few rows as that takes, and is there in any case."""
+    columns = []
+    for wide in (20.0, 8.0, 7.0, 3.0, 1.0):
+        figure = Figure(figsize=(wide, 3.0))
+        draw(*record(scene_of()), ax=figure.add_axes((0.15, 0.5, 0.8, 0.4)))
+        legend = figure.axes[0].get_legend()
+        columns.append(legend._ncols)
+        assert legend.get_window_extent().width <= figure.bbox.width or wide == 1.0
+    assert columns == [5, 5, 3, 1, 1]
+
+
+@pytest.mark.parametrize("reactor", [Reactor("rectangle", width=0.3, height=0.2), CIRCLE, None])
+def test_the_legend_in_given_axes_covers_no_place_where_a_tile_may_be(reactor, every_mark):
     figure = Figure(figsize=(7.2, 7.2))
     ax = figure.add_axes((0.1, 0.12, 0.85, 0.8))
     draw(*record(scene_of((PlacedTile("black", (W, W)), PlacedTile("black", (2 * W, 0.0))),

@@ -4,6 +4,8 @@ import base64
 import json
 import math
 import re
+import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +15,14 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from tbsa.errors import InputError
 from tbsa.model.layout import initial_layout
 from tbsa.model.records import Records
-from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Reactor, Scene, Seed
+from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Reactor, Scene, Seed, TileType
+from tbsa.work import draw as drawing
 from tbsa.work import movie as films
 from tbsa.work.cli import main
 from tbsa.work.draw import draw
@@ -82,7 +86,7 @@ def test_a_film_has_a_picture_of_every_record_in_their_order(tmp_path, name):
     assert count == len(found) == 6
     assert shown == [(k, 6) for k in range(1, 7)]
     assert rate == pytest.approx(10.0)
-    assert {each.shape for each in found} == {(428, 400, 3)}
+    assert {each.shape for each in found} == {(450, 400, 3)}
     places = [grey_of_the_free_black_tile(each) for each in found]
     # The axes show 2 x 1.02 x 15 cm in 0.885 of the width, or less: as high as they are wide.
     pixel = 2.0 * 1.02 * 0.15 / (0.885 * 400)
@@ -117,20 +121,27 @@ def test_part_of_a_run_is_chosen_by_time_and_by_how_many_records_are_left_out(tm
         assert len(pictures_of(tmp_path / "run.gif")[0]) == len(times)
 
 
-@pytest.mark.parametrize(("width", "height"), [(0.4, 0.2), (0.3, 0.3), (0.25, 0.4), (1.2, 0.2)])
-def test_a_film_has_the_shape_of_the_reactor_and_room_for_its_legend_below(width, height):
-    run = records(Reactor("rectangle", width=width, height=height), count=1)
-    run.x[0, -1], run.y[0, -1], run.angle[0, -1] = 2.0 * W, 0.0, 0.0  # bonded by one edge only
+@pytest.mark.parametrize("number", [1, 12, 12345])
+@pytest.mark.parametrize(("width", "height"),
+                         [(0.4, 0.2), (0.3, 0.3), (0.25, 0.4), (1.2, 0.2), (0.0, 0.0)])
+def test_a_film_has_the_shape_of_the_reactor_and_room_for_its_legend_below(
+        monkeypatch, width, height, number):
+    """Whatever is marked: a circle has no room for it in a corner."""
+    monkeypatch.setattr(drawing, "_marks", lambda *_: dict.fromkeys(drawing.MARKS, number))
+    reactor = Reactor("rectangle", width=width, height=height) if width else ROUND
+    width, height = (width, height) if width else (1.0, 1.0)
+    run = records(reactor, count=1)
     (picture,) = films.pictures(run, range(1), 400, False)
     tall, wide, _ = picture.shape
     shape = max(height / width, 0.3)
     assert (tall % 2, wide) == (0, 400)
-    assert tall == pytest.approx(400 * (0.212 + 0.893 * shape), abs=2.0)
+    assert tall == pytest.approx(400 * (0.2317 + 0.893 * shape), abs=2.0)
     figure, ax = films._canvas(run.scene, run.x[0], run.y[0], 400)
     draw(run.scene, run.layout, run.x[0], run.y[0], run.angle[0], ax=ax, time=1.0)
     FigureCanvasAgg(figure).draw()
     box = ax.get_legend().get_window_extent()
-    assert 0.0 < box.y0 < box.y1 < ax.get_window_extent().y0
+    assert 0.0 < box.y0 < box.y1 < ax.xaxis.label.get_window_extent().y0
+    assert 0.0 < box.x0 < box.x1 < wide
     assert ax.title.get_window_extent().y1 < tall
 
 
@@ -154,6 +165,33 @@ def test_what_comes_up_in_a_single_picture_keeps_its_colour(tmp_path):
               for each in pictures_of(tmp_path / "run.gif")[0]]
     assert counts[2] > 50
     assert counts[0] == counts[1] == counts[3] == 0
+
+
+def test_a_tile_that_attaches_in_between_has_its_colour_and_a_green_bond(tmp_path):
+    """The pictures that the few colours of a GIF are chosen by show the tile faded, and no bond."""
+    green = TileType("green", (-1, -1, -1, -1), "#00c000", 0)
+    scene = Scene((TileType("seed", (1, 1, 1, 1), "black", 0), green), magnet=Magnet(),
+                  seed=Seed(((0, 0, "seed"),)), reactor=ROUND,
+                  free=Free(tiles=(PlacedTile("green", (3 * W, 0.0)),)))
+    layout = initial_layout(scene)
+    x, still = np.tile(layout.x, (5, 1)), np.zeros((5, 2))
+    x[1, 1] = W
+    run = Records(scene, layout, np.arange(5.0), x, still, still, still, still, still)
+    movie(run, tmp_path / "run.gif", size=400)
+    found = pictures_of(tmp_path / "run.gif")[0]
+    for colour, least in ((green.colour, 100), (drawing.BOND, 10), (drawing.OUTLINES[1], 50)):
+        near = [int((np.abs(each - np.rint(255.0 * np.array(to_rgb(colour)))).max(axis=2) < 6)
+                    .sum()) for each in found]
+        assert near[1] > least
+
+
+def test_a_film_of_more_colours_than_a_gif_has_room_for_is_made(tmp_path):
+    kinds = tuple(TileType(f"{k}", (0, 0, 0, 0), f"#{k:02x}{255 - k:02x}80") for k in range(150))
+    scene = Scene(kinds, reactor=ROUND, free=Free(tiles=(PlacedTile("7", (0.0, 0.0)),)))
+    layout = initial_layout(scene)
+    still = np.zeros((1, 1))
+    run = Records(scene, layout, np.zeros(1), *6 * [still])
+    assert movie(run, tmp_path / "run.gif", size=200) == 1
 
 
 @pytest.mark.parametrize("name", ["run.gif", "run.mp4"])
@@ -252,6 +290,19 @@ def test_a_page_marks_holes_and_what_is_outside_the_pattern(tmp_path):
     found = assembly(run.scene, run.layout, run.x[1], run.y[1], run.angle[1])
     assert [len(sites) for sites in data["sites"]] == data["holes"]
     assert data["holes"][1] == found.holes
+
+
+def test_a_page_plots_a_run_of_any_length():
+    """A call with an argument a record fails beyond some 120,000 of them."""
+    page = (Path(films.__file__).parent / "viewer.html").read_text(encoding="utf-8")
+    assert not re.findall(r"\(\.\.\.run\b[^)]*\)", page)
+    drawing = re.search(r"const most = (.+);\n", page)[1]
+    program = (f"const run = {{size: new Array(300000).fill(2)}}; run.size[7] = 9;"
+               f"process.stdout.write(String({drawing}))")
+    if shutil.which("node") is None:
+        pytest.skip("needs node")
+    assert subprocess.run(["node", "-e", program], capture_output=True, text=True,
+                          check=True).stdout == "9"
 
 
 def test_no_title_gets_out_of_its_place_in_the_page(tmp_path):

@@ -50,6 +50,7 @@ DPI = 200
 FLOOR = "#dededc"
 FADE = 0.58  # how far the colour of a tile outside the assembly fades towards the floor's
 EDGE = "#202020"
+OUTLINES = "#9a9a98", "#3c3c3c"  # of tiles outside the assembly, and of its own
 BOND = "#0a7d3b"
 ERROR = "#d62728"
 LINES = (("#0b5fa5", "-"), ("#d9730d", "--"), ("#5b8c2a", "-."), ("#8a4a9e", ":"))
@@ -62,12 +63,13 @@ MARKS = {  # colour and shape in the legend of what is marked
     "off the lattice": ("#7b3294", "D"),
     "outside the pattern": ("#2166ac", "^"),
 }
-# Places of a legend: below all, in a corner that no tile gets to, below the label of the x axis.
-OUTSIDE: dict[str, Any] = {"loc": "outside lower center", "ncols": len(MARKS), "frameon": False}
-CORNER: dict[str, Any] = {"loc": "lower left"}
+# Places of a legend, neither with tiles: below all, and below the label of the x axis.
+OUTSIDE: dict[str, Any] = {"loc": "outside lower center", "frameon": False}
 BELOW: dict[str, Any] = {
-    "loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.4, "ncols": len(MARKS),
-    "columnspacing": 1.0, "handlelength": 1.0, "frameon": False}
+    "loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.4,
+    "columnspacing": 0.9, "handlelength": 1.0, "handletextpad": 0.4, "fontsize": "small",
+    "frameon": False}
+LEGEND_ROW = 0.2  # in, of `OUTSIDE`
 
 
 class Snapshot(NamedTuple):
@@ -130,13 +132,14 @@ def draw(
     assert panel is not None
     record = Snapshot(layout, x, y, angle, time)
     count = _panel(panel, scene, record, glues, bonds, headings, metrics, truth)
-    if own is not None:
-        own.legend(handles=_handles(count, True), **OUTSIDE)
-    elif count:
-        place = CORNER if has_corner_free(scene) else BELOW
-        panel.legend(handles=_handles(count, True), fontsize="small", **place)
     figure = panel.get_figure(root=True)
     assert figure is not None
+    if own is not None:
+        rows = _legend(own, figure, count, True, OUTSIDE)
+        own.set_figheight(tall + LEGEND_ROW * max(rows - 1, 0))
+        _settle(own)
+    else:
+        _legend(panel, figure, count, True, BELOW)
     if file is not None:
         _save(figure, file)
     return figure
@@ -181,7 +184,8 @@ def sheet(
         axes[k].set_title(axes[k].get_title(), fontsize="medium")
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
-    figure.legend(handles=_handles(marked, False), **OUTSIDE)
+    _legend(figure, figure, marked, False, OUTSIDE)
+    _settle(figure)
     if file is not None:
         _save(figure, file)
     return figure
@@ -222,7 +226,7 @@ def summary_figure(
         for ax, (name, (scene, record)) in zip(above, snapshots.items(), strict=True):
             marked |= _panel(ax, scene, record, False, False, False, True)
             ax.set_title(", ".join(filter(None, (name, ax.get_title()))))
-        top.legend(handles=_handles(marked, False), **OUTSIDE)
+        _legend(top, figure, marked, False, OUTSIDE)
     axes = below.subplots(1, 3)
     for k, (name, rows) in enumerate(tables.items()):
         hue, dash = LINES[k % len(LINES)]
@@ -238,6 +242,7 @@ def summary_figure(
         ax.grid(color="#d8d8d8", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
     axes[0].legend(frameon=False)
+    _settle(figure)
     if file is not None:
         _save(figure, file)
     return figure
@@ -303,6 +308,16 @@ def colours(scene: Scene) -> Floats:
     return np.array([to_rgb(kind.colour) for kind in scene.types])
 
 
+def palette(scene: Scene) -> Floats:
+    """Every colour that a picture of a scene may have, float64[n, 3], apart from the shades
+    between two of them."""
+    own = colours(scene)
+    shown = np.concatenate([own, faded(own)])
+    names = "white", FLOOR, EDGE, BOND, *OUTLINES, *(colour for colour, _ in MARKS.values())
+    every = np.concatenate([shown, ink(shown), [to_rgb(name) for name in names]])
+    return np.unique(every, axis=0)
+
+
 def faded(colour: Floats) -> Floats:
     """Colours mixed with the floor's."""
     return (1.0 - FADE) * colour + FADE * np.array(to_rgb(FLOOR))
@@ -343,7 +358,8 @@ def _tiles(
     ax: Axes, scene: Scene, x: Floats, y: Floats, angle: Floats, colour: Floats, member: Mask
 ) -> None:
     """Squares with an outline that shows white tiles on white and black ones on black."""
-    for tiles, outline, thickness in ((~member, "#9a9a98", 0.03), (member, "#3c3c3c", 0.05)):
+    parts = zip((~member, member), OUTLINES, (0.03, 0.05), strict=True)
+    for tiles, outline, thickness in parts:
         pose = x[tiles], y[tiles], angle[tiles]
         _stamp(ax, scene, CORNERS, *pose, outline)
         _stamp(ax, scene, (1.0 - 2.0 * thickness) * CORNERS, *pose, colour[tiles], name="tiles")
@@ -444,6 +460,28 @@ def _marks(ax: Axes, scene: Scene, x: Floats, y: Floats, found: Assembly) -> dic
     return {name: count[name] for name in MARKS if count[name]}
 
 
+def _legend(
+    owner: Axes | Figure | SubFigure, figure: Figure, count: dict[str, int], numbers: bool,
+    place: Mapping[str, Any],
+) -> int:
+    """Name the marks that occur, in as few rows as fit into the figure; how many rows."""
+    handles, wide = _handles(count, numbers), figure.bbox.width
+    for rows in range(1, len(handles) + 1):
+        legend = owner.legend(handles=handles, ncols=-(-len(handles) // rows), **place)
+        box = legend.get_window_extent()
+        if rows == len(handles) or 0.01 * wide <= box.x0 <= box.x1 <= 0.99 * wide:
+            return rows
+        legend.remove()
+    return 0
+
+
+def _settle(figure: Figure) -> None:
+    """Lay a figure out as it stays: axes of a given shape need more than one pass, and with the
+    single one of a first drawing titles and legends may run out of the picture."""
+    for _ in range(2):
+        figure.draw_without_rendering()
+
+
 def _handles(count: dict[str, int], numbers: bool) -> list[Line2D]:
     """Legend entries of the marks that occur."""
     return [
@@ -501,11 +539,6 @@ def extent(scene: Scene, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     half = [wall.radius] * 2 if wall.shape == "circle" else [wall.width / 2, wall.height / 2]
     high = 1.02 * CM * np.array(half)
     return -high, high
-
-
-def has_corner_free(scene: Scene) -> bool:
-    """Whether no tile gets to the corners of the axes."""
-    return scene.reactor is not None and scene.reactor.shape == "circle"
 
 
 def aspect(scene: Scene, x: Floats, y: Floats) -> float:

@@ -17,7 +17,6 @@ from typing import IO, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -25,15 +24,14 @@ from PIL import Image
 from tbsa.errors import InputError
 from tbsa.model.records import Records, replacing, write_atomically
 from tbsa.model.scene import Scene
-from tbsa.work.draw import MARKS, aspect, draw, frame, has_corner_free, target
+from tbsa.work.draw import aspect, draw, frame, palette, target
 from tbsa.work.metrics import Floats, truth_of
 
 FORMATS = (".gif", ".mp4")
 INCHES = 7.2  # of a picture's width: text is to the tiles as it is in `draw`
-# In widths of a picture: where axes begin, their width, and their height if they show a square.
-LEFT, BOTTOM, WIDE, HIGH = 0.1, 0.0749, 0.885, 0.89345
-# Likewise what the title takes above, and a legend below where it must not be in a corner.
-TITLE, LEGEND = 0.10165, 0.035
+# In widths of a picture: where axes begin, their width, and their height if they show a square;
+# below them is a legend of up to two rows.  Likewise what the title takes above.
+LEFT, BOTTOM, WIDE, HIGH, TITLE = 0.1, 0.13, 0.885, 0.89345, 0.10165
 LEAST, MOST = 200, 3840  # pixels
 COLOURS = 128  # of a GIF
 
@@ -100,8 +98,8 @@ def movie(
     else:
         # Few colours, the same in all pictures, so that what does not move is not stored again.
         some = [which[0], which[len(which) // 2], which[-1]]
-        palette = _palette(list(pictures(records, some, size, glues)))
-        write_atomically(path, _gif(counted(), len(which), rate, palette))
+        few = _palette(records.scene, list(pictures(records, some, size, glues)))
+        write_atomically(path, _gif(counted(), len(which), rate, few))
     return len(which)
 
 
@@ -122,20 +120,27 @@ def pictures(records: Records, which: Sequence[int], size: int, glues: bool) -> 
 
 def _canvas(scene: Scene, x: Floats, y: Floats, size: int) -> tuple[Figure, Axes]:
     """A figure so wide (pixels), and axes in it of the reactor's shape, or of all tiles'."""
-    below = BOTTOM + LEGEND * (not has_corner_free(scene))
     high = HIGH * aspect(scene, x, y)
     # MP4 wants even ones.
-    wide, tall = (2 * round(0.5 * length) for length in (size, (below + high + TITLE) * size))
+    wide, tall = (2 * round(0.5 * length) for length in (size, (BOTTOM + high + TITLE) * size))
     figure, part = Figure(figsize=(INCHES, INCHES * tall / wide), dpi=wide / INCHES), wide / tall
-    return figure, figure.add_axes((LEFT, below * part, WIDE, high * part))
+    return figure, figure.add_axes((LEFT, BOTTOM * part, WIDE, high * part))
 
 
-def _palette(samples: Sequence[Picture]) -> Image.Image:
-    """The colours of these pictures, and of marks that may come up in others."""
-    marks = np.array([to_rgb(colour) for colour, _ in MARKS.values()])
-    strip = np.repeat(np.uint8(255.0 * marks), samples[0].shape[1] // len(marks) + 1, axis=0)
-    strip = strip[None, : samples[0].shape[1]].repeat(20, axis=0)
-    return Image.fromarray(np.concatenate([*samples, strip])).quantize(COLOURS)
+def _palette(scene: Scene, samples: Sequence[Picture]) -> Image.Image:
+    """The colours that any picture of the scene may have, and shades of these pictures."""
+    own = _few(np.rint(255.0 * palette(scene)).astype(np.uint8)[None], COLOURS // 2)
+    shades = _few(np.concatenate(samples), COLOURS - len(own))
+    few = Image.new("P", (1, 1))
+    few.putpalette(np.concatenate([own, shades]).tobytes())
+    return few
+
+
+def _few(picture: Picture, most: int) -> Picture:
+    """At most so many colours that a picture is made of, uint8[n, 3]."""
+    found = Image.fromarray(picture).quantize(most).getpalette()
+    assert found is not None
+    return np.array(found, np.uint8).reshape(-1, 3)
 
 
 def _gif(frames: Iterator[Picture], number: int, rate: float, palette: Image.Image) -> bytes:
