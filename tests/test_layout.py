@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tbsa.errors import InputError
 from tbsa.model import layout as module
-from tbsa.model.layout import Layout, initial_layout, stream
+from tbsa.model.layout import Layout, check, initial_layout, stream
 from tbsa.model.scene import Free, Reactor, Run, load, parse
 from tbsa.model.squares import depth, inside, near
 
@@ -118,6 +118,16 @@ def test_seed_tiles_come_first_then_explicit_then_random_ones():
     assert layout.vx.tolist() == [0, 0, 0.1, 0, 0, 0, 0]
     assert layout.vy.tolist() == [0, 0, -0.2, 0, 0, 0, 0]
     assert layout.omega.tolist() == [0, 0, 3.0, 0, 0, 0, 0]
+
+
+def test_a_layout_without_a_tile_is_refused():
+    scene = parse({"tiles": {"set": "chessboard"}, "free": {"tile": [
+        {"type": "black", "position": [0.0, 0.0]}]}})
+    layout = initial_layout(scene)
+    check(layout, scene)
+    none = Layout(**{name: each[:0] for name, each in vars(layout).items()})
+    with pytest.raises(InputError, match="layout: must hold at least one tile"):
+        check(none, scene)
 
 
 def test_the_arrays_are_one_dimensional_contiguous_and_of_plain_types():

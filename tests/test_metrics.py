@@ -458,6 +458,15 @@ def test_arrays_that_do_not_fit_are_refused():
         metrics.table(scene, layout, np.zeros(2), x[None], y[None], angle[None])
 
 
+def test_a_layout_of_another_scene_is_refused():
+    scene = scene_of([at(1, 1)])
+    layout = initial_layout(scene)
+    foreign = replace(layout, type=layout.type + 5)
+    for measure in (metrics.assembly, metrics.size):
+        with pytest.raises(InputError, match=r"layout\.type: .* must be from 0 to 1"):
+            measure(scene, foreign, layout.x, layout.y, layout.angle)
+
+
 def test_importing_the_metrics_does_not_import_pandas_or_matplotlib():
     code = ("import sys, tbsa.work.metrics\n"
             "sys.exit(bool({'pandas', 'matplotlib'} & set(sys.modules)))")

@@ -48,10 +48,12 @@ def check(layout: Layout, scene: Scene) -> None:
     Raises
     ------
     InputError
-        Where one has another length or kind, a place or velocity is not finite, or a type is none
-        of the scene's.
+        Where one has another length or kind, a place or velocity is not finite, a type is none
+        of the scene's, or there is no tile.
     """
     n = np.size(layout.x)
+    if n == 0:
+        raise InputError("must hold at least one tile", field="layout")
     for name in (each.name for each in fields(Layout)):
         values = getattr(layout, name)
         kinds = {"type": "iu", "held": "b", "seed": "b"}.get(name, "fiu")

@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tbsa.errors import InputError
-from tbsa.model.layout import Layout
+from tbsa.model.layout import Layout, check
 from tbsa.model.scene import Scene
 from tbsa.model.squares import depth
 from tbsa.model.tiles import Growth, ground_truth, symmetry
@@ -171,7 +171,7 @@ def assembly(
     Raises
     ------
     InputError
-        The arrays are not of the layout's length or not finite.
+        The arrays are not of the layout's length or not finite, or the layout is not of the scene.
 
     Notes
     -----
@@ -179,7 +179,7 @@ def assembly(
     A hole is an empty cell of the seed's lattice with four occupied neighbours (paper,
     Section IV-E); only attached tiles on the lattice and the seed occupy a cell.
     """
-    x, y, angle = _record(layout, x, y, angle)
+    x, y, angle = _record(scene, layout, x, y, angle)
     seed, types = layout.seed, scene.types
     flush, matched, repelled = _flush_edges(scene, layout, x, y, angle)
     cluster = _clusters(len(x), flush[matched][:, ::2])
@@ -234,7 +234,7 @@ def assembly(
 
 def size(scene: Scene, layout: Layout, x: Floats, y: Floats, angle: Floats) -> int:
     """Number of attached tiles, without the seed; :func:`assembly` without the rest."""
-    x, y, angle = _record(layout, x, y, angle)
+    x, y, angle = _record(scene, layout, x, y, angle)
     flush, matched, _ = _flush_edges(scene, layout, x, y, angle)
     return int(_reached(_clusters(len(x), flush[matched][:, ::2]), layout.seed).sum())
 
@@ -308,8 +308,11 @@ def events(attached: Mask) -> tuple[Ints, Ints]:
     return joined, left
 
 
-def _record(layout: Layout, x: Floats, y: Floats, angle: Floats) -> tuple[Floats, Floats, Floats]:
+def _record(
+    scene: Scene, layout: Layout, x: Floats, y: Floats, angle: Floats
+) -> tuple[Floats, Floats, Floats]:
     """One record as float64 arrays, or an InputError."""
+    check(layout, scene)
     for name, each in (("x", x), ("y", y), ("angle", angle)):
         if np.shape(each) != layout.x.shape:
             raise InputError(
