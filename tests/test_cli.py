@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import json
 import os
 import re
@@ -763,6 +764,49 @@ def test_metrics_are_printed_where_they_may_not_be_written(run, here, capsys, mo
         capsys, here, "metrics", "run", "--out", "run/other.csv")
     assert contents(here) == before
     assert main(["metrics", "run", "--out", "other.csv"]) == 0
+
+
+def test_metrics_are_written_though_nobody_reads_what_is_printed(run, monkeypatch):
+    """As in `tbsa metrics run | head -1`; an older table does not stay."""
+    class Closed(io.StringIO):
+        def write(self, _):
+            raise BrokenPipeError
+
+    (run / "metrics.csv").write_text("old")
+    with monkeypatch.context() as broken:
+        broken.setattr(sys, "stdout", Closed())
+        assert main(["metrics", "run"]) == 1
+    assert len(pd.read_csv(run / "metrics.csv")) == 5
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_run_into_a_folder_that_may_not_be_written_is_refused(
+        here, finished, capsys, monkeypatch, resume):
+    if resume:
+        shutil.copytree(finished, here / "run")
+    else:
+        (here / "run").mkdir()
+    arguments = ["run", "scene.toml", "--out", "run", *["--resume"] * resume]
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "run")
+    assert refused(capsys, here, *arguments) == "tbsa: run: must be a folder that may be written\n"
+    if resume:
+        monkeypatch.setattr(os, "access", lambda path, mode: "records" not in str(path))
+        assert refused(capsys, here, *arguments) == (
+            "tbsa: run/records.npy: must be a file that may be written\n")
+
+
+def test_paths_need_not_be_utf8(here, capsys):
+    odd = os.fsdecode(b"\xff")
+    Path("scene.toml").rename(f"{odd}.toml")
+    assert main(["run", f"{odd}.toml", "--duration", "0.5", "--out", odd, "--quiet"]) == 0
+    assert main(["run", f"{odd}.toml", "--out", odd, "--quiet", "--resume"]) == 0
+    for command in ("metrics", "draw", "movie", "view"):
+        assert main([command, odd]) == 0
+    assert main(["check", f"{odd}/scene.toml"]) == 0
+    assert {path.name for path in Path(odd).iterdir()} >= {
+        "metrics.csv", "t2.png", "movie.gif", "view.html"}
+    assert "must be a path that UTF-8 can hold, for gsd" in refused(capsys, here, "export", odd)
+    assert main(["export", odd, "--out", "run.gsd"]) == 0
 
 
 @pytest.mark.parametrize("name", ["pipe", "link"])

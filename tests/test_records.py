@@ -26,7 +26,7 @@ import pytest
 import tbsa
 from tbsa.errors import InputError
 from tbsa.model import records, simulation
-from tbsa.model.scene import Record, Run, fingerprint, load
+from tbsa.model.scene import Record, Run, Solver, fingerprint, load
 from tbsa.model.simulation import Simulation
 
 ROOT = Path(__file__).parents[1]
@@ -417,6 +417,20 @@ def test_wall_time_and_counts_add_up_over_a_break(scene, whole, tmp_path, monkey
     for name in records.OF_PROCESS:
         info["counts"][name] = once[name]
     assert info["counts"] == once
+
+
+def test_the_end_of_a_run_is_a_time_that_is_recorded_though_its_step_is_rounded(scene):
+    """4800 steps of 0.0020833333333 s are 0.16 ns less than 10 s."""
+    step = 0.0020833333333
+    each = replace(scene, solver=Solver(step=step))
+    layout = tbsa.initial_layout(each)
+    run = records.Records(each, layout, np.array([0.0, 4800 * step]), *6 * [layout.x])
+    assert run.time[-1] < 10.0 - 1e-10
+    assert run.at(10.0) == 1
+    assert run.at(-0.001) == 0
+    assert list(run.chosen(None, 10.0, 1)) == [0, 1]
+    with pytest.raises(InputError, match=r"10\.002 is not .* holds 0 to 9\.99999999984 s"):
+        run.at(10.002)
 
 
 def test_progress_is_told_of_every_record(scene, tmp_path):

@@ -78,11 +78,12 @@ class Records:
         Raises
         ------
         InputError
-            Where `time` lies outside the records.
+                Where `time` lies outside the records, by more than half a step: they fall on whole
+            steps.
         """
-        first, last = self.time[0], self.time[-1]
-        if not first - 1e-9 <= time <= last + 1e-9:
-            raise InputError(f"is not recorded: this run holds {first:g} to {last:g} s",
+        first, last, slack = self.time[0], self.time[-1], 0.5 * self.scene.solver.step
+        if not first - slack <= time <= last + slack:
+            raise InputError(f"is not recorded: this run holds {first:.15g} to {last:.15g} s",
                              field=field, value=time)
         return int(np.argmin(np.abs(self.time - time)))
 
@@ -97,7 +98,7 @@ class Records:
         first = 0 if begin is None else self.at(begin, "begin")
         last = self.time.size - 1 if end is None else self.at(end, "end")
         if last < first:
-            raise InputError(f"must not be before the beginning, {self.time[first]:g} s",
+            raise InputError(f"must not be before the beginning, {self.time[first]:.15g} s",
                              field="end", value=end)
         if every < 1:
             raise InputError("must be at least 1", field="every", value=every)
@@ -185,6 +186,11 @@ def check_may_be_written(path: Path, field: str) -> None:
     if wrong:
         raise InputError(wrong, field=field, value=str(path))
     check_not_own(path, field)
+
+
+def may_be_filled(folder: Path) -> bool:
+    """Files of a folder can be read and replaced, if it is there."""
+    return not folder.is_dir() or os.access(folder, os.R_OK | os.W_OK | os.X_OK)
 
 
 def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
@@ -430,6 +436,8 @@ def _check_interval(folder: Path, info: dict[str, Any], scene: Scene) -> None:
 def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> None:
     """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s."""
     data = _read_records(path, layout)
+    if not os.access(path, os.W_OK):
+        raise InputError("must be a file that may be written", file=str(path))
     if data.size < keep or not np.allclose(data["time"][:keep], interval * np.arange(keep),
                                            rtol=1e-12, atol=1e-12 * interval):
         raise InputError(f"must hold {keep} records, one every {interval:g} s, to go on from its "
@@ -572,8 +580,8 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     TypeError
         Where it is no scene.
     InputError
-        Where the scene is not valid, or the folder holds a run already, or a checkpoint that
-        cannot be resumed.
+        Where the scene is not valid, or the folder may not be written, holds a run already, or a
+        checkpoint that cannot be resumed.
     Busy
         Where another process is at work on the folder.
     SimulationError
@@ -584,6 +592,8 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     check_is_scene(scene)
     scene.validate()
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
+    if not may_be_filled(folder):
+        raise InputError("must be a folder that may be written", file=str(folder))
     if not resume:
         _check_new(folder, tile_count(scene))
         simulation = Simulation(scene, threads=threads)

@@ -194,8 +194,8 @@ class Scene:
 
     @cached_property
     def _valid(self) -> bool:
-        if message := _text(empty=True)(self.file):
-            raise InputError(message, field="file", value=self.file)
+        if not isinstance(self.file, str):  # any path: its bytes need be no UTF-8
+            raise InputError("must be a string", field="file", value=self.file)
         _check_structure(self, "", self)
         for name, part in _parts(self):
             _check_part(self, name, part)

@@ -440,9 +440,11 @@ def _metrics(arguments: argparse.Namespace) -> int:
     out = arguments.out or arguments.run / "metrics.csv"
     frame = table(records.scene, records.layout, records.time, records.x, records.y,
                   records.angle)
-    print(frame.to_string(index=False))  # first: it is of use where the file cannot be written
-    check_may_be_written(out, "--out")
-    write_atomically(out, frame.to_csv(index=False).encode())
+    try:  # first: whoever reads what is printed may stop before its end, as head does
+        check_may_be_written(out, "--out")
+        write_atomically(out, frame.to_csv(index=False).encode())
+    finally:
+        print(frame.to_string(index=False))  # of use where the file cannot be written, too
     print(f"written to {out}")
     return 0
 
@@ -511,7 +513,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    from tbsa.model.records import check_not_own, write_atomically
+    from tbsa.model.records import check_not_own, may_be_filled, write_atomically
     from tbsa.model.scene import load
     from tbsa.work import fit
     from tbsa.work.measurements import read
@@ -524,6 +526,8 @@ def _fit(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
     if folder.exists() and not folder.is_dir():
         raise InputError("must be a folder", field="--out", value=str(folder))
+    if not may_be_filled(folder):
+        raise InputError("must be a folder that may be written", field="--out", value=str(folder))
     files, warnings, scene = {}, [], arguments.scene
     made = fit.into(scene, result) if scene is not None else b""
     mode = scene.stat().st_mode if scene is not None else 0o600

@@ -5,6 +5,7 @@ OVITO shows such a file as it is, with the tiles as squares; freud, MDAnalysis a
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,9 @@ def export(records: Records, path: str | Path) -> None:
     except ImportError:
         raise InputError("needs the package gsd: pip install 'tbsa[gsd]'", field="path",
                          value=str(path)) from None
+    if any("\ud800" <= letter <= "\udfff" for letter in os.path.realpath(path)):
+        raise InputError("must be a path that UTF-8 can hold, for gsd", field="path",
+                         value=str(path))
     truth = truth_of(records.scene)
     with replacing(path) as scratch:
         scratch.touch()  # with the mode of other files; gsd's own is another
