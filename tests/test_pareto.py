@@ -9,15 +9,16 @@ import pytest
 
 from figures import pareto, speed
 from figures.__main__ import main
+from tests.benchmarks.scenes import references
 
 
 def rows(factor):
     """Three engines on every scene that is shown; 1e9 is a run that was thrown apart."""
     found = []
-    for scene in pareto.SHOWN:
+    for scene, (_, quantity, _) in pareto.SHOWN.items():
         for n in (60, 480):
             common = {"scene": scene, "simulated": 2.0, "alone": 1e-6 * n}
-            errors = {"first": factor / n, "second": 1.0}
+            errors = {"another": 1.0, quantity: factor / n}
             found.append(common | {"engine": "tbsa", "errors": errors})
             found.append(common | {"engine": "box2d, 8 iterations", "error": 10 * factor / n})
             found.append(common | {"engine": "pymunk, 10 iterations", "error": 1e9})
@@ -41,7 +42,14 @@ def test_a_file_without_results_is_said(script, text, tmp_path, monkeypatch, cap
     assert capsys.readouterr().out.startswith(f"{name}: left out, needs ")
 
 
-def test_every_panel_shows_the_first_error_over_the_time_of_the_engine_alone(tmp_path, monkeypatch):
+def test_every_panel_shows_the_quantity_that_engines_are_compared_by():
+    """Of ours a file of results has several; of the others' that one."""
+    quantities = {each.name: each.quantity for each in references()}
+    assert {scene: quantity for scene, (_, quantity, _) in pareto.SHOWN.items()} == {
+        scene: quantities[scene] for scene in pareto.SHOWN}
+
+
+def test_every_panel_shows_that_error_over_the_time_of_the_engine_alone(tmp_path, monkeypatch):
     path = tmp_path / "peers.json"
     path.write_text(json.dumps({"0.1.0": rows(1.0)}))
     monkeypatch.setattr(pareto, "DATA", (path,))
