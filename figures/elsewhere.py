@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 import tbsa
 from figures._data import BEYOND, DRIVES
+from figures._records import name_marks, show
 from figures.style import figure
 from paper_runs.tables import load
 
@@ -21,8 +22,9 @@ def make() -> Figure:
     """A row a pattern, a column a drive: the last record of a run."""
     folder = DATA[0].parent
     table = load(folder)
-    fig = figure(3.9)
+    fig = figure(4.1)
     axes = fig.subplots(len(GROUPS), len(DRIVES), squeeze=False)
+    marked: set[str] = set()
     for row, (group, what) in zip(axes, GROUPS.items(), strict=True):
         for ax, (drive, label) in zip(row, DRIVES.items(), strict=True):
             ax.set_axis_off()
@@ -31,15 +33,12 @@ def make() -> Figure:
             if run is None:
                 ax.set_title(f"{what}, {label}:\nno run is kept", fontsize=7)
                 continue
-            record = run.layout, run.x[-1], run.y[-1], run.angle[-1]
-            tbsa.draw(run.scene, *record, ax=ax, bonds=False, headings=False)
-            if legend := ax.get_legend():
-                legend.remove()
-            found = tbsa.assembly(run.scene, *record)
+            found, marks = show(ax, run, -1)
+            marked |= marks
             ax.set_title(f"{what}, {label}\n{run.time[-1]:g} s: {found.size} tiles, "
                          f"{found.errors} wrong, {found.holes} hole{'s' * (found.holes != 1)}",
                          fontsize=7, pad=2)
-            ax.set_axis_off()
+    name_marks(fig, marked)
     return fig
 
 

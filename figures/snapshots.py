@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 import tbsa
 from figures._data import CAMPAIGN, DRIVES, Missing
+from figures._records import name_marks, show
 from figures.style import figure
 from paper_runs.tables import load
-from tbsa.work.draw import MARKS
 
 DATA = (CAMPAIGN / "table.csv", *(CAMPAIGN / "runs" / group for group in DRIVES))
 ROWS = 4  # times, evenly spaced; the last is the end of the run
@@ -29,22 +28,11 @@ def make() -> Figure:
         end = float(run.time[-1])
         for ax, time in zip(axes[:, column], np.linspace(0.0, end, ROWS), strict=True):
             k = run.at(float(time))
-            record = run.layout, run.x[k], run.y[k], run.angle[k]
-            tbsa.draw(run.scene, *record, ax=ax, bonds=False, headings=False)
-            if legend := ax.get_legend():
-                marked |= {name for name in MARKS for text in legend.get_texts()
-                           if name in text.get_text()}
-                legend.remove()
-            found = tbsa.assembly(run.scene, *record)
+            found, marks = show(ax, run, k)
+            marked |= marks
             ax.set_title(f"{run.time[k]:g} s: {found.size} tiles", fontsize=7, pad=2)
-            ax.set_axis_off()
         axes[0, column].set_title(f"{label}\n{axes[0, column].get_title()}", fontsize=7, pad=2)
-    if marked:
-        fig.legend(handles=[
-            Line2D([], [], linestyle="", marker=mark, color=colour, markerfacecolor="none",
-                   markersize=4, label=name)
-            for name, (colour, mark) in MARKS.items() if name in marked],
-            loc="outside lower center", ncols=3)
+    name_marks(fig, marked)
     return fig
 
 

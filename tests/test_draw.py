@@ -252,6 +252,20 @@ def test_errors_and_holes_are_marked_in_red_and_named_below(picture):
     assert "errors 50.0 %" in seen.axes.get_title()
 
 
+def test_a_hole_is_framed_all_around_as_its_legend_shows(picture):
+    """Corners alone are too thin to be seen in a column of a journal."""
+    ring = [(c, r) for c in (1, 2, 3) for r in (1, 2, 3) if (c, r) != (2, 2)]
+    seed = Seed(tuple((c, 0, ("black", "white")[c % 2]) for c in range(4))
+                + tuple((0, r, ("black", "white")[r % 2]) for r in range(1, 4)))
+    seen = picture(scene_of(tuple(PlacedTile(("black", "white")[(c + r) % 2], (c * W, r * W))
+                                  for c, r in ring), seed=seed))
+    for way in ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (1, -1)):
+        assert seen.at(*(2 * W + 0.38 * W * np.array(way))) == pytest.approx(RED, abs=0.02)
+    assert seen.at(2 * W, 2 * W) == pytest.approx(to_rgb(pictures.FLOOR), abs=0.01)
+    (entry,) = seen.axes.figure.legends[0].legend_handles
+    assert (entry.get_marker(), entry.get_markerfacecolor()) == ("s", "none")
+
+
 def test_each_kind_of_mark_has_its_own_entry(picture):
     tiles = (PlacedTile("white", (-W, 0.0)), PlacedTile("black", (W, W), math.pi / 2))
     kind = TileType("black", (1, 2, 1, 1), "black")

@@ -102,7 +102,7 @@ def draw(
 
     Tiles of the seed carry a dot, tiles of the assembly are drawn in full colour with a dark
     outline, all others are faded.  Erroneous tiles are crossed; tiles that are wrongly turned,
-    off the lattice or outside the ground truth carry a mark of their own; holes are bracketed.
+    off the lattice or outside the ground truth carry a mark of their own; holes are framed.
 
     Parameters
     ----------
@@ -454,9 +454,9 @@ def _marks(ax: Axes, scene: Scene, x: Floats, y: Floats, found: Assembly) -> dic
                    zorder=4.0)
     if scene.seed is not None:
         at = lattice(scene.seed, scene.material.width, *found.hole_sites.T)
-        for corner in range(4):  # of the cell only, as the neighbours outline the rest
-            angle = np.full(found.holes, scene.seed.angle + corner * np.pi / 2)
-            _stamp(ax, scene, _BRACKET, *at, angle, MARKS["hole"][0], zorder=4.0)
+        angle = np.full(found.holes, scene.seed.angle + np.pi / 4)
+        frame = _ring(4, 0.45 * np.sqrt(2.0), 0.14)  # of the cell, to be seen where it is small
+        _stamp(ax, scene, frame, *at, angle, MARKS["hole"][0], zorder=4.0)
     return {name: count[name] for name in MARKS if count[name]}
 
 
@@ -499,20 +499,16 @@ def _handles(count: dict[str, int], numbers: bool) -> list[Line2D]:
     ]
 
 
-_BRACKET = 0.4 * np.array(
-    [[1.0, 1.0], [0.4, 1.0], [0.4, 0.82], [0.82, 0.82], [0.82, 0.4], [1.0, 0.4]]
-)
-
-
 def _polygon(corners: int, radius: float) -> Floats:
     """A regular polygon with a corner on +x."""
     around = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
     return radius * np.stack([np.cos(around), np.sin(around)], axis=-1)
 
 
-def _ring(corners: int) -> Floats:
+def _ring(corners: int, radius: float = 0.42, thickness: float = 0.1) -> Floats:
     """A regular polygon's outline, as one shape that goes round outside and back inside."""
-    outer, inner = _polygon(corners, 0.42), _polygon(corners, 0.42 - 0.1 / np.cos(np.pi / corners))
+    outer = _polygon(corners, radius)
+    inner = _polygon(corners, radius - thickness / np.cos(np.pi / corners))
     return np.concatenate([outer, outer[:1], inner[:1], inner[::-1]])
 
 
