@@ -16,6 +16,7 @@ from paper_runs.paper import END, SELF
 from paper_runs.tables import records
 
 DATA = (CAMPAIGN / "table.csv", CAMPAIGN / "curves.csv")
+BEGUN = 60.0  # s: from then on the panels hold the bands
 PANELS = {  # column: label, and the paper's end values
     column: (label, {drive: END[drive][name].value for drive in DRIVES})
     for column, label, name in (("size", "attached tiles", "size"),
@@ -46,10 +47,11 @@ def make() -> Figure:
             ax.fill_between(time, np.maximum(mean - spread, 0.0), mean + spread, color=colour,
                             alpha=0.18, lw=0)
             # The first few tiles are many per cent each: they do not set the scale.
-            top[ax] = max(top[ax], float(mean[time >= 0.05 * end].max()), reported[drive])
+            later = time >= min(BEGUN, 0.05 * end)
+            top[ax] = max(top[ax], float((mean + spread)[later].max()), reported[drive])
             # Unclipped: a curve along zero would lose half its width to the axis.
             line, = ax.plot(time, mean, color=colour, linestyle=dash, zorder=3)
-            line.set_clip_on(bool(mean.max() > 2.0 * top[ax]))
+            line.set_clip_on(bool(mean.max() > top[ax]))
             ax.plot([end], [reported[drive]], mark, markersize=4.5, markerfacecolor="white",
                     markeredgecolor=colour, markeredgewidth=1.1, clip_on=False, zorder=5)
         handles.append(Line2D([], [], color=colour, linestyle=dash,
@@ -58,7 +60,8 @@ def make() -> Figure:
                               markerfacecolor="white", label="paper, at 3600 s"))
     for ax, (what, _) in zip(axes, PANELS.values(), strict=True):
         ax.set(ylabel=what, xlim=(0.0, end))
-        ax.set_ylim(0.0, max(ax.get_ylim()[1], 160.0) if ax is axes[0] else max(1.4 * top[ax], 2.0))
+        high = ax.get_ylim()[1], 160.0
+        ax.set_ylim(0.0, max(high if ax is axes[0] else (1.05 * top[ax], 2.0)))
         ax.spines[["top", "right"]].set_visible(False)
     most = END[SELF]["size"].value  # "more than 130"
     axes[0].annotate("", (end, most + 0.14 * axes[0].get_ylim()[1]), (end, most),

@@ -24,7 +24,7 @@ def make() -> Figure:
     """A panel a law of floor friction: the torques from below, and shaking under them.
 
     The force and torque of the paper's scenes here are framed, or the torques between which
-    theirs is.
+    theirs is, and the frame is named below.
     """
     folder = DATA[0].parent
     table = done(folder)
@@ -37,7 +37,7 @@ def make() -> Figure:
     forces = sorted(set(table["drive.force"]))  # the panels share their columns
     needed(unicycle[unicycle["floor.law"].isin(FLOORS)], "a run of the group map-unicycle")
     laws = [law for law in FLOORS if law in set(unicycle["floor.law"])]
-    fig = figure(1.0 + 1.75 * len(laws))
+    fig = figure(1.3 + 1.75 * len(laws))
     axes = fig.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, law in zip(axes, laws, strict=True):
         grid = _means(unicycle[unicycle["floor.law"] == law], "drive.torque")
@@ -46,22 +46,27 @@ def make() -> Figure:
         _cells(ax, grid.to_numpy(), 0.0, largest)
         _cells(ax, shaken.to_numpy(), -1.3, largest)
         ax.set_yticks([-1.3, *range(len(grid))],
-                      ["shaking", *(f"{torque:g}" for torque in grid.index)])
-        ax.set_xticks(range(grid.shape[1]), [f"{force:g}" for force in grid.columns])
+                      ["shaking", *(f"{1e3 * torque:g}" for torque in grid.index)])
+        ax.set_xticks(range(grid.shape[1]), [f"{1e3 * force:g}" for force in grid.columns])
         ax.set(xlim=(-0.5, grid.shape[1] - 0.5), ylim=(-1.8, len(grid) - 0.5),
-               ylabel="$T_{mag}$ (N m)")
+               ylabel="$T_{mag}$ (mN m)")
         torques = grid.index.to_numpy()
         if chosen[0] == law and chosen[1] in grid.columns and (
                 torques[0] <= chosen[2] <= torques[-1]):
             column, low = grid.columns.get_loc(chosen[1]), int((torques <= chosen[2]).sum()) - 1
             high = int((torques < chosen[2]).sum())
             for bottom, top in ((low, high), (-1.3, -1.3)):
-                ax.add_patch(Rectangle((column - 0.48, bottom - 0.46), 0.96, top - bottom + 0.92,
-                                       fill=False, edgecolor=ORANGE, linewidth=1.4, zorder=3))
+                frame = Rectangle((column - 0.48, bottom - 0.46), 0.96, top - bottom + 0.92,
+                                  fill=False, edgecolor=ORANGE, linewidth=1.4, zorder=3)
+                ax.add_patch(frame)
+            between = ", between two rows" if low < high else ""
+            fig.legend([frame], [f"force of the paper's scenes here, {1e3 * chosen[1]:g} mN;\n"
+                                 f"self-stabilizing: {1e3 * chosen[2]:g} mN m{between}"],
+                       loc="outside lower center", handlelength=1.2, handleheight=1.2)
         ax.set_title(FLOORS[law], fontsize=8)
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)
-    axes[-1].set_xlabel("$F_{mag}$ (N)")
+    axes[-1].set_xlabel("$F_{mag}$ (mN)")
     seconds = sorted(set(unicycle["duration"]))
     counts = pd.concat([each.groupby([*by, "floor.law", "drive.force"]).size() for each, by in
                         ((unicycle, ["drive.torque"]), (shaking, []))])
