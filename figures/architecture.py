@@ -1,13 +1,15 @@
 """Architecture: the storeys, their modules and who imports whom (the paper's figure of its own).
 
 Everything is read from the sources: storeys and what they are from ARCHITECTURE.md, modules from
-the folders, imports from the code.  A line means that the upper module imports the lower one; lines
-that follow from others are left out.
+the folders, imports from the code.  An arrow means that the upper module imports the lower one,
+and has the colour of the upper one's storey; arrows that follow from others are left out.  The
+arrows of a module run together until they part.
 """
 
 from __future__ import annotations
 
 import ast
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -22,8 +24,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.patches import FancyBboxPatch, Rectangle
 from matplotlib.textpath import TextPath
 
-from figures._shapes import canvas, stage
-from figures.style import COLUMN
+from figures._shapes import canvas, stage, towards
+from figures.style import BLUE, COLUMN, ORANGE
 from tbsa.work.draw import EDGE
 
 ROOT = Path(__file__).parents[1]
@@ -33,6 +35,9 @@ ROW, HEAD, GAP = 0.235, 0.34, 0.05  # in: a row of modules, a storey's name, bet
 HIGH = 0.14  # in, a module
 TINTS = {"work": "#dfe9f3", "model": "#e9eef3", "kernels": "#f3f3f3", "tbsa": "#f8f8f8",
          "theory": "#fbeedd"}
+LINES = {"work": BLUE, "model": "#a01c5e", "kernels": "#303030", "theory": ORANGE}
+HEAD_SIZE = 0.025  # in, of an arrow's head
+STARTS, SWEEPS = 20, 60  # orders of modules that are tried
 Modules = Mapping[str, Path]
 Imports = Mapping[str, set[str]]
 
@@ -163,46 +168,67 @@ def refuse_upward(graph: Imports, house: Sequence[str]) -> None:
 def _draw(ax: Axes, rows: Sequence[Row], graph: Imports) -> None:
     """Modules and lines between them, bent where they pass a row.
 
-    A line that passes a row has a place there as a module has, so that it runs between modules.
-    Places are then moved, row by row, towards the mean of what they are joined to.
+    What passes a row has a place there as a module has, so that it runs between modules; all lines
+    of a module have it in common.  Places are then moved, row by row, towards the mean of what they
+    are joined to, from several orders, and those where the fewest lines cross are kept.
     """
     row_of = {name: k for k, row in enumerate(rows) for name in row.names}
     lines = []
     for name in row_of:
         for other in sorted(graph[name] & set(row_of)):
             passed = range(row_of[name] + 1, row_of[other])
-            bends = [f"{name}>{other}:{k}" for k in passed]
+            bends = [f"{name}:{k}" for k in passed]
             for k, bend in zip(passed, bends, strict=True):
-                rows[k].names.append(bend)
+                if bend not in rows[k].names:
+                    rows[k].names.append(bend)
             lines.append([name, *bends, other])
+    pieces = sorted({piece for line in lines for piece in pairwise(line)})
     joined: dict[str, list[str]] = {}
-    for line in lines:
-        for a, b in pairwise(line):
-            joined.setdefault(a, []).append(b)
-            joined.setdefault(b, []).append(a)
-    x: dict[str, float] = {}
-    for row in rows:
-        x |= zip(row.names, np.linspace(row.left, row.right, len(row.names) + 2)[1:-1], strict=True)
-    best, least = dict(x), np.inf
-    for sweep in range(100):
-        for row in filter(lambda row: row.names, rows[::1 if sweep % 2 else -1]):
-            wish = {name: float(np.mean([x[other] for other in joined.get(name, [name])]))
-                    for name in row.names}
-            order = sorted(row.names, key=lambda name: (wish[name], name))
-            x |= zip(order, _apart([wish[n] for n in order], [_width(n) for n in order],
-                                   row.left, row.right), strict=True)
-        cost = sum(abs(x[a] - x[b]) for line in lines for a, b in pairwise(line))
-        if cost < least:
-            best, least = dict(x), cost
+    for a, b in pieces:
+        joined.setdefault(a, []).append(b)
+        joined.setdefault(b, []).append(a)
+    level = {name: k for k, row in enumerate(rows) for name in row.names}
+    between = [[piece for piece in pieces if level[piece[0]] == k] for k in range(len(rows))]
+    filled = [row for row in rows if row.names]
+    best: dict[str, float] = {}
+    least, random = (np.inf, np.inf), np.random.default_rng(3)
+    for _ in range(STARTS):
+        x: dict[str, float] = {}
+        for row in filled:
+            places = np.linspace(row.left, row.right, len(row.names) + 2)[1:-1]
+            x |= zip(random.permutation(row.names).tolist(), places.tolist(), strict=True)
+        for sweep in range(SWEEPS):
+            for row in filled[::1 if sweep % 2 else -1]:
+                wish = {name: float(np.mean([x[other] for other in joined.get(name, [name])]))
+                        for name in row.names}
+                order = sorted(row.names, key=lambda name: (wish[name], name))
+                x |= zip(order, _apart([wish[n] for n in order], [_width(n) for n in order],
+                                       row.left, row.right), strict=True)
+            cost = (sum(_crossings(x, each) for each in between),
+                    sum(abs(x[a] - x[b]) for a, b in pieces))
+            if cost < least:
+                best, least = dict(x), cost
     x = best
     place = {name: (x[name], row.y) for row in rows for name in row.names}
     for line in lines:  # straight down past a row, across between rows
         ends = [(px, py + side * 0.5 * HIGH) for px, py in (place[name] for name in line)
                 for side in (1.0, -1.0)]
-        ax.plot(*zip(*ends[1:-1], strict=True), color="#606060", lw=0.6, zorder=2,
+        colour = LINES[storey(line[0])]
+        ax.plot(*zip(*ends[1:-1], strict=True), color=colour, lw=0.6, zorder=2,
                 solid_joinstyle="round")
+        (px, py), (qx, qy) = ends[-3:-1]
+        along = np.array([qx - px, qy - py]) / np.hypot(qx - px, qy - py)
+        towards(ax, tuple(np.array([qx, qy]) - HEAD_SIZE * along), math.atan2(along[1], along[0]),
+                colour, HEAD_SIZE, 2.5)
     for name in row_of:
         _chip(ax, name, *place[name])
+
+
+def _crossings(x: Mapping[str, float], pieces: Sequence[tuple[str, str]]) -> int:
+    """How many pairs of lines between two rows cross."""
+    above, below = (np.array([x[piece[end]] for piece in pieces]) for end in (0, 1))
+    return int((np.subtract.outer(above, above) * np.subtract.outer(below, below) < -1e-12).sum()
+               ) // 2
 
 
 def _apart(wish: Sequence[float], width: Sequence[float], left: float, right: float) -> list[float]:
