@@ -79,7 +79,7 @@ def _corner(ax: Axes, turn: float) -> None:
     tile(ax, BLACK, at, at, turn, glues="NESW")
     total = force_on(turn)
     colour = BOND if total[0] < 0.0 else ORANGE
-    arrow(ax, (at, at), total / ARROW, colour, 1.8, 8.0)
+    arrow(ax, (at, at), total / ARROW, colour, 1.6, 7.0, halo=False)  # between the labels
     note(ax, f"{np.hypot(*total):.3f} N", (at + 0.58, at), colour=colour, ha="left")
 
 
