@@ -15,7 +15,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from test_campaign import SCENE, SHAKING
@@ -25,6 +27,7 @@ from figures import (
     _shapes,
     architecture,
     detachment,
+    elsewhere,
     growth,
     maps,
     reactor,
@@ -147,6 +150,17 @@ def test_growth_draws_mean_and_deviation_of_each_drive_and_the_papers_ends(there
     assert [ax.lines[3].get_ydata()[0] for ax in axes] == [35.0, 0.5, 0.0]
 
 
+@pytest.mark.skipif(not all(path.exists() for path in growth.DATA), reason="needs the data")
+def test_growth_holds_its_bands_after_the_first_minute():
+    """Before that the first few tiles are many per cent each."""
+    with style.look():
+        axes = growth.make().axes
+    for ax in axes:
+        for band in ax.collections:
+            time, height = band.get_paths()[0].vertices.T
+            assert height[time >= 60.0].max() <= ax.get_ylim()[1]
+
+
 def test_snapshots_show_both_drives_from_begin_to_end(there, data):
     with style.look():
         axes = snapshots.make().axes
@@ -189,6 +203,19 @@ def test_damaged_records_are_said(there, data, tmp_path, capsys, monkeypatch):
     assert out.count("\n") == 1
 
 
+def test_maps_say_what_is_framed(there, monkeypatch):
+    """In units in which no label runs into the next."""
+    paper = tbsa.load(maps.HERE / "self_stabilizing.toml")
+    chosen = replace(paper, drive=replace(paper.drive, force=0.06, torque=3e-3))
+    with style.look():
+        assert maps.make().legends == []  # the paper's torque is none of these
+        monkeypatch.setattr(maps.tbsa, "load", lambda _: chosen)
+        figure = maps.make()
+    ((text,),) = [legend.get_texts() for legend in figure.legends]
+    assert text.get_text() == "force of the paper's scenes here, 60 mN;\nself-stabilizing: 3 mN m"
+    assert [tick.get_text() for tick in figure.axes[-1].get_xticklabels()] == ["60", "100"]
+
+
 def test_maps_print_the_mean_size_in_every_cell(there, data):
     table = pd.read_csv(data / "table.csv")
     with style.look():
@@ -204,6 +231,15 @@ def test_maps_print_the_mean_size_in_every_cell(there, data):
         shaken = rows[rows["group"] == "map-shaking"]["size"].mean()
         assert cells[1, -1.3] == f"{shaken:.0f}"
         assert cells[0, -1.3] == "–"  # not computed
+
+
+@pytest.mark.skipif(not all(path.exists() for path in elsewhere.DATA), reason="needs the data")
+def test_the_marks_of_a_figure_are_named_once_for_all_its_panels():
+    with style.look():
+        figure = elsewhere.make()
+    assert [text.get_text() for legend in figure.legends for text in legend.get_texts()] == [
+        "hole", "outside the pattern"]
+    assert not any(ax.get_legend() for ax in figure.axes)
 
 
 def test_what_is_kept_is_a_campaigns_folder_with_fewer_records(data):
@@ -325,6 +361,20 @@ def test_the_architecture_has_every_module_and_line(monkeypatch):
     few = architecture.reduced(graph)
     assert sum(map(len, few.values())) < sum(map(len, graph.values()))
     assert architecture.below(few) == architecture.below(graph)
+
+
+def test_the_architecture_tells_who_imports_by_colours_and_heads():
+    graph = architecture.reduced(architecture.imports(architecture.modules()))
+    with style.look():
+        (ax,) = architecture.make().axes
+    shared = {name for name in graph if architecture.storey(name) == "tbsa"}
+    arrows = [(name, other) for name, needs in graph.items() for other in needs - shared]
+    wanted = sorted(architecture.LINES[architecture.storey(name)] for name, _ in arrows)
+    assert sorted(line.get_color() for line in ax.lines) == wanted
+    heads = [patch for patch in ax.patches if type(patch) is Polygon]
+    assert sorted(to_hex(head.get_facecolor()) for head in heads) == wanted
+    tips = {tuple(line.get_xydata()[-1].round(6)) for line in ax.lines}
+    assert {tuple(head.get_xy()[0].round(6)) for head in heads} == tips
 
 
 def test_the_architecture_refuses_an_import_that_goes_up():
