@@ -795,6 +795,14 @@ def test_a_run_into_a_folder_that_may_not_be_written_is_refused(
             "tbsa: run/records.npy: must be a file that may be written\n")
 
 
+def test_a_fit_into_a_folder_that_may_not_be_written_is_refused(here, capsys, monkeypatch):
+    (here / "fits").mkdir()
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "fits")
+    assert "tbsa: --out: 'fits' must be a folder that may be written" in refused(
+        capsys, here, "fit", ROOT / "paper_runs" / "ligo_40m_magnets.csv", "--inset", "1mm",
+        "--interval", "normal", "--out", "fits")
+
+
 def test_paths_need_not_be_utf8(here, capsys):
     odd = os.fsdecode(b"\xff")
     Path("scene.toml").rename(f"{odd}.toml")

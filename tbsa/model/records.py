@@ -78,8 +78,7 @@ class Records:
         Raises
         ------
         InputError
-                Where `time` lies outside the records, by more than half a step: they fall on whole
-            steps.
+            Where `time` lies outside the records by more than half a step; they are at whole ones.
         """
         first, last, slack = self.time[0], self.time[-1], 0.5 * self.scene.solver.step
         if not first - slack <= time <= last + slack:

@@ -455,8 +455,8 @@ def _marks(ax: Axes, scene: Scene, x: Floats, y: Floats, found: Assembly) -> dic
     if scene.seed is not None:
         at = lattice(scene.seed, scene.material.width, *found.hole_sites.T)
         angle = np.full(found.holes, scene.seed.angle + np.pi / 4)
-        frame = _ring(4, 0.45 * np.sqrt(2.0), 0.14)  # of the cell, to be seen where it is small
-        _stamp(ax, scene, frame, *at, angle, MARKS["hole"][0], zorder=4.0)
+        square = _ring(4, 0.45 * np.sqrt(2.0), 0.14)  # bold, as the cells of a sheet are small
+        _stamp(ax, scene, square, *at, angle, MARKS["hole"][0], zorder=4.0)
     return {name: count[name] for name in MARKS if count[name]}
 
 
