@@ -411,10 +411,11 @@ def _loss(fit: Fit) -> float:
 
 
 def _starts(problem: Fit, known: Mapping[str, float], medians: bool = False) -> list[Floats]:
-    """Starting values, the best first; each with the least-squares amplitude.
+    """Starting values, the best first; each with the least-squares amplitude that it may have.
 
-    With `medians` the amplitude, and what is best, are those of medians: half of the points may be
-    anything.
+    What is best is judged with any amplitude: one that is known, or has narrow bounds, says which
+    size a start of the right shape will grow to, not which shape is right.  With `medians` the
+    amplitude, and what is best, are those of medians: half of the points may be anything.
     """
     model, weight = problem.model, problem.weight
     ranked: list[tuple[float, Floats]] = []
@@ -426,17 +427,18 @@ def _starts(problem: Fit, known: Mapping[str, float], medians: bool = False) -> 
             inner = 1e-9 * (problem.high - problem.low)
             start = np.where(problem.free,
                              np.clip(start, problem.low + inner, problem.high - inner), start)
+            unit = weight * model.force(problem.distance, 1.0, *start[1:])
+            amplitude = (np.median(weight * problem.force / unit) if medians else
+                         np.sum(unit * weight * problem.force) / np.sum(unit**2))
+            amplitude = max(amplitude, 0.0) ** (1 / model.power)
+            best = replace(problem, values=_put(start, 0, amplitude))
+            miss = _median_scale(best) if medians else best.chi2
             if problem.free[0]:
-                unit = weight * model.force(problem.distance, 1.0, *start[1:])
-                amplitude = (np.median(weight * problem.force / unit) if medians else
-                             np.sum(unit * weight * problem.force) / np.sum(unit**2))
-                amplitude = max(amplitude, 0.0) ** (1 / model.power)
                 margin = min(inner[0], 1e-9 * amplitude) or inner[0]  # forces may be tiny
                 start[0] = np.clip(amplitude, problem.low[0] + margin, problem.high[0] - margin)
             made = replace(problem, values=start)
-            miss = _median_scale(made) if medians else made.chi2
-            if np.isfinite(made.chi2) and not any(np.array_equal(start, other)
-                                                  for _, other in ranked):
+            if np.isfinite([miss, made.chi2]).all() and not any(
+                    np.array_equal(start, other) for _, other in ranked):
                 ranked.append((miss, start))
     if not ranked:
         raise ValueError(f"{model.formula} is not finite at the measured distances")
