@@ -337,6 +337,17 @@ def test_a_parameter_that_a_bound_cuts_off_is_not_called_unbounded_by_the_data()
     assert not any("identified" in doubt for doubt in doubts(bound, ends))
 
 
+def test_an_amplitude_that_its_bounds_cut_off_is_not_called_unbounded_by_the_data():
+    force = TRUE * (1 + 0.03 * np.random.default_rng(3).standard_normal(R.size))
+    free = fit(LAW, R, force)
+    low, high = free.values[0] + np.array([-0.5, 0.5]) * free.errors[0]
+    for bounds in ((low, None), (None, high), (low, high)):
+        bound = fit(LAW, R, force, bounds={"alpha": bounds})
+        ends = intervals(bound)
+        assert any(end in bounds for end in ends["alpha"])
+        assert doubts(bound, ends) == doubts(free, intervals(free)) == []
+
+
 def test_a_fit_with_every_parameter_at_its_bound_has_no_errors():
     found = fit(LAW, R, TRUE, bounds={"alpha": (None, ALPHA / 9), "beta": (BETA / 9, None)})
     assert found.at_bound.tolist() == [1, -1]

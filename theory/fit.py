@@ -772,19 +772,21 @@ def doubts(fit: Fit, intervals: Mapping[str, Interval]) -> list[str]:
     if fit.optima > 1:
         found.append(f"{fit.optima} different sets of parameters fit equally well")
     inside, at_bound = fit.inside, fit.at_bound
-    for k, (name, unit, _, _) in enumerate(fit.model.parameters):
+    for k, (name, unit, least, most) in enumerate(fit.model.parameters):
         if not fit.free[k]:
             continue
         value, error = fit.values[k], inside.errors[k]
         low, high = intervals.get(name, (value, value))
-        lost = high >= fit.high[k] or (k == 0 and low <= fit.low[k])
+        # Bounds narrower than the model's own limits were given, whatever the data say.
+        above, below = high >= max(fit.high[k], most), low <= min(fit.low[k], least)
+        lost = above or (k == 0 and below)
         if at_bound[k]:
             end = "lower" if at_bound[k] < 0 else "upper"
             limit = f"{value:g} {unit}".rstrip()
             found.append(f"{name} is at its {end} bound, {limit}, and has no standard error"
                          + (f"; those of the others are for {name} held there"
                             if inside.free.any() else ""))
-            lost = low <= fit.low[k] and high >= fit.high[k]
+            lost = above and below
         if not np.isfinite(error) or lost:
             found.append(f"{name} is not identified: these data do not bound it")
         elif error > 0.5 * abs(value):
