@@ -624,6 +624,33 @@ def test_the_runs_test_is_conservative_of_the_residuals_of_a_fit():
         assert np.mean(p <= level) < 0.8 * level
 
 
+def test_the_order_of_repeats_in_a_file_makes_no_runs(here, capsys):
+    """Sorted by distance and then by force, each distance would be two runs of its own."""
+    rng = np.random.default_rng(3)
+    d = np.repeat(np.linspace(1.0, 20.0, 8), 6)
+    sd = 0.02 * LAW.force(1e-3 * d, ALPHA, BETA)
+    force = LAW.force(1e-3 * d, ALPHA, BETA) + sd * rng.standard_normal(d.size)
+    said = set()
+    for order in (np.arange(d.size), np.lexsort((force, d)), np.lexsort((-force, d))):
+        write(here / "repeats.csv", d[order], force[order], sd[order],
+              head=("centre (mm)", "force (N)", "sd (N)"))
+        assert run("repeats.csv") == 0
+        out = capsys.readouterr().out
+        said.add(re.search(r"runs of one sign, of means at 8 distances: .*", out)[0])
+        assert "residuals have a pattern" not in out
+    assert len(said) == 1
+
+
+def test_the_runs_of_repeats_are_those_of_their_weighted_means():
+    """At every distance one point far off, of little weight, on the other side of the curve."""
+    sign = np.resize([1.0, 1.0, -1.0], R.size)
+    near, far = TRUE * (1 + 0.01 * sign), TRUE * (1 - 0.03 * sign)
+    found = fit(LAW, [*R, *R], [*near, *far], [*(0.01 * TRUE), *(0.1 * TRUE)])
+    assert fitting.runs(found) == runs_test(found.residuals[:R.size])
+    even = fit(LAW, [*R, *R], [*near, *far])
+    assert fitting.runs(even) == runs_test(even.residuals[:R.size] + even.residuals[R.size:])
+
+
 def test_aicc_prefers_the_model_that_made_the_points():
     rng = np.random.default_rng(9)
     d = np.linspace(4e-3, 30e-3, 25)

@@ -734,6 +734,15 @@ def runs_test(residuals: ArrayLike) -> Runs:
     return Runs(runs, 1 + 2 * a * b / (a + b), min(1.0, float(np.sum(few))))
 
 
+def runs(fit: Fit) -> Runs:
+    """The runs test of a fit's residuals, of repeats at one distance of their weighted mean.
+
+    The order of repeats means nothing, least of all that of a file that is sorted by force.
+    """
+    which = np.unique(fit.distance, return_inverse=True)[1]
+    return runs_test(np.bincount(which, fit.weight**2 * fit.residuals))  # the signs of the means
+
+
 def _log_choose(n: int, k: Any) -> Any:
     """log of n over k; -inf where k > n."""
     return gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)

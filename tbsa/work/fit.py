@@ -291,8 +291,8 @@ def _rounded(value: float, error: float) -> str:
 
 def _goodness(result: Result) -> list[str]:
     """Chi^2, runs, and the halves."""
-    main, order = result.main, np.argsort(result.measured.distance, kind="stable")
-    runs = fitting.runs_test(main.residuals[order])
+    main = result.main
+    runs, distances = fitting.runs(main), np.unique(main.distance).size
     worst = int(np.argmax(np.abs(main.weight * main.residuals)))
     unit, size = result.measured.unit, LENGTHS[result.measured.unit]
     rms = math.sqrt(float(np.mean(main.residuals**2)))
@@ -302,7 +302,8 @@ def _goodness(result: Result) -> list[str]:
     if main.sd is not None:
         lines.append(f"chi2/dof {main.chi2 / main.dof:.3g} with {main.dof} degrees of freedom "
                      f"({_probability(main.p_value)})")
-    lines.append(f"runs of one sign: {runs.runs}, by chance {runs.expected:.1f} "
+    means = f", of means at {distances} distances" if distances < main.force.size else ""
+    lines.append(f"runs of one sign{means}: {runs.runs}, by chance {runs.expected:.1f} "
                  f"({_probability(runs.p_value)}; conservative, as a fit adds runs)")
     both = fitting.halves(main)
     if both is not None:
@@ -352,9 +353,7 @@ def _comparison(result: Result) -> list[str]:
 def _local(result: Result) -> list[str]:
     """What the goodness of fit says against the model."""
     main, found = result.main, []
-    order = np.argsort(result.measured.distance, kind="stable")
-    runs = fitting.runs_test(main.residuals[order])
-    both = fitting.halves(main)
+    runs, both = fitting.runs(main), fitting.halves(main)
     if main.sd is not None and main.p_value < 0.01:
         found.append(f"the curve misses the points by {math.sqrt(main.chi2 / main.dof):.3g} times "
                      "their uncertainty")
