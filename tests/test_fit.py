@@ -968,6 +968,34 @@ def test_known_dimensions_go_to_every_model_that_has_them(here, capsys):
     assert not (here / "fits" / "c-cylinder" / "magnet.toml").exists()
 
 
+@pytest.mark.parametrize(("value", "error", "shown"), [
+    (2.2918, 0.2034, "2.29"), (0.16512, 0.0604, "0.165"), (18.0562, 0.1446, "18.06"),
+    (1.80562e-5, 1.446e-7, "1.806e-05"), (1.8e-5, 1.446e-7, "1.800e-05"),
+    (1.446e-7, 1.446e-7, "1.4e-07"), (6.3941e-3, 2.84e-6, "0.0063941"),
+    (18056223.0, 144607.0, "18060000"), (6423.4, 53.2, "6423"), (0.0, 2.85e-6, "0"),
+    (-1.2e-9, 2.85e-6, "-1.2e-09"), (0.0, 0.06, "0.000"), (17.97812, 3e-12, "17.9781200"),
+    (3.14159, 0.0, "3.14"), (3.14159, np.inf, "3.14")])
+def test_a_number_is_printed_to_two_digits_of_its_error(value, error, shown):
+    assert work._rounded(value, error) == shown
+
+
+def test_a_fit_is_printed_with_as_many_digits_in_every_unit(here, capsys):
+    force = LAW.force(R, ALPHA, BETA)
+    force *= 1 + 3e-4 * np.random.default_rng(3).standard_normal(R.size)
+    found = {}
+    for unit in ("um", "mm", "cm", "m"):
+        size = SIZES[unit]
+        write(here / f"{unit}.csv", R / size, force, head=(f"centre ({unit})", "force (N)"))
+        assert run(f"{unit}.csv") == 0
+        out = capsys.readouterr().out
+        for name, scale in (("alpha", size**2), ("beta", size)):
+            row = re.search(rf"{name} +(\S+) +(\S+) +(\S+) to (\S+) ", out).groups()
+            found.setdefault(name, []).append(np.array(row, float) * scale)
+    for rows in found.values():
+        error = rows[0][1]
+        assert np.ptp(rows, axis=0) == pytest.approx(0, abs=0.05 * error)
+
+
 @pytest.mark.parametrize("options", [
     ["--loss", "huber", "--range", ":2cm"], ["--absolute", "--bound", "beta=:1cm"],
     ["--interval", "bootstrap", "--fix", "beta=6.4mm"], ["--model", "power", "--unweighted"]])
@@ -1049,7 +1077,7 @@ def test_a_cut_off_that_takes_force_from_bonded_magnets_is_told_with_the_number(
 def test_a_parameter_at_its_bound_is_named_in_all_that_is_written(here, capsys):
     assert run("good.csv", "--inset", "1.5mm", "--bound", "beta=0:1e-12mm") == 0
     out = capsys.readouterr().out
-    assert re.search(r"beta +1e-12 +at bound +0 to 1e-12 +mm", out)
+    assert re.search(r"beta +1\.00e-12 +at bound +0 to 1\.00e-12 +mm", out)
     assert re.search(r"near half .* 1e-12 at bound", out)
     assert "warning: beta is at its upper bound, 1e-15 m, and has no standard error; those" in out
     assert "inf" not in out
@@ -1166,7 +1194,7 @@ def test_one_wrong_point_does_not_stand_in_the_way_of_what_leaves_it_out(here, c
     write(here / "outlier.csv", np.append(1000 * R[:9], 30.0), np.append(LAW.force(
         R[:9] + 3e-3, ALPHA, BETA), 5.0))
     assert run("outlier.csv", "--inset", "1.5mm", *options) == 0
-    assert re.search(r"alpha +18 .*N mm\^2", capsys.readouterr().out)
+    assert re.search(r"alpha +18(\.0+)? .*N mm\^2", capsys.readouterr().out)
 
 
 def test_a_far_field_of_zeros_or_noise_is_fitted(here, capsys):

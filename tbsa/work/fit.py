@@ -281,12 +281,18 @@ def _values(result: Result) -> list[list[str]]:
 
 
 def _rounded(value: float, error: float) -> str:
-    """A value to two digits of its error, and to at least two of its own."""
+    """A value to two digits of its error, and to 2 to 9 of its own, whatever the unit."""
     if not (math.isfinite(error) and error > 0):
         return f"{value:.3g}"
     sizes = [size for size in (abs(value), error) if size >= 0.01 * error]
     digits = 1 - math.floor(math.log10(min(sizes)))
-    return f"{value:.{max(digits, 0)}f}" if digits <= 6 else f"{value:.3g}"
+    if value == 0:
+        return f"{value:.{digits if 0 < digits <= 6 else 0}f}"
+    leading = math.floor(math.log10(abs(value)))
+    digits = min(digits, 8 - leading)
+    if digits > 6 and leading < -4:  # a long row of zeros
+        return f"{value:.{max(digits + leading, 1)}e}"
+    return f"{round(value, digits):.{max(digits, 0)}f}"
 
 
 def _goodness(result: Result) -> list[str]:
