@@ -239,6 +239,75 @@ def test_a_load_that_is_there_as_it_is_takes_its_share():
     assert exact.rest(up, dead=1.1 * BOND * up).factor == 0.0
 
 
+@pytest.mark.parametrize("share", [0.9, 0.982, 0.99, 0.999])
+@pytest.mark.parametrize("angle", [0.0, 0.5, math.pi / 16])
+def test_a_floor_bears_forces_up_to_its_disc_in_every_direction(share, angle):
+    """Also where it has to bear more than 98 % of its force between the corners of a 16-gon."""
+    one = Tiles(np.zeros((1, 2), int), np.zeros((1, 4), int), np.array([False]))
+    c, s = math.cos(angle), math.sin(angle)
+    dead, across = share * FLOOR[0] * np.array([[c, s, 0.0]]), np.array([[-s, c, 0.0]])
+    exact = Statics(one, PAPER, mating=True, floor=FLOOR)
+    left = FLOOR[0] * math.sqrt(1.0 - share**2)
+    found = exact.rest(across, dead=dead)
+    assert found.factor == pytest.approx(left, rel=2e-4)
+    assert found.factor <= left <= found.factor + found.error + 1e-7 * FLOOR[0]
+    assert found.contacts.slides.all()
+    assert exact.bears(dead)
+    state = exact.contacts(dead)
+    assert state.floor[0, :2] == pytest.approx(-dead[0, :2], abs=1e-6 * FLOOR[0])
+    assert not state.slides.any()
+    beyond = 1.001 / share * dead
+    assert not exact.bears(beyond)
+    assert exact.contacts(beyond) is None
+    assert exact.rest(across, dead=beyond).factor == 0.0
+    # Whatever was asked before.
+    assert exact.rest(across, dead=dead).factor == found.factor
+
+
+def test_a_floor_that_just_bears_the_magnets_bears_a_little_more_in_every_phase():
+    tiles = Tiles(np.array([(0, 0), (2, 1)]), np.array([(1, 2, 1, 2)] * 2),
+                  np.array([False, True]))
+    x, y, _ = statics.magnet_wrench(tiles, PAPER, mating=False)[0]
+    radius = 1.005 * math.hypot(x, y)  # the magnets' force is at 13 deg between two corners
+    exact = Statics(tiles, PAPER, mating=False, floor=(radius, FLOOR[1]))
+    found = exact.rest(uniform(tiles, 0.0, 1.0), contacts=False).factor
+    assert found == pytest.approx(math.sqrt(radius**2 - x**2) - y, rel=2e-4)
+    worst = exact.worst_phase(uniform(tiles, 1.0, 0.0), uniform(tiles, 0.0, 1.0))
+    assert worst.factor == pytest.approx(radius - math.hypot(x, y), rel=1e-3)
+    assert worst.phase == pytest.approx(math.atan2(y, x), abs=0.02)
+
+
+def test_a_load_may_be_borne_though_the_state_without_it_is_not():
+    """It is led past the middle of the floor's disc, through a cap that the 16-gon leaves out."""
+    one = Tiles(np.zeros((1, 2), int), np.zeros((1, 4), int), np.array([False]))
+    c, s = math.cos(math.pi / 16), math.sin(math.pi / 16)
+    near, along = np.array([[c, s, 0.0]]), np.array([[-s, c, 0.0]])
+    exact = Statics(one, PAPER, mating=True, floor=FLOOR)
+    dead = FLOOR[0] * (0.99 * near - along)
+    assert not exact.bears(dead)
+    assert exact.rest(along, dead=dead).factor == pytest.approx(
+        FLOOR[0] * (1.0 + math.sqrt(1.0 - 0.99**2)), rel=2e-4)
+
+
+@pytest.mark.parametrize("dead", [1.0, 1e3, 1e6])
+def test_friction_under_a_large_load_has_its_bound(dead):
+    """And does not take part in what another tile bears."""
+    tiles = chessboard([(0, 0), (3, 0)], [(0, -1), (3, -1)])
+    exact = Statics(tiles, PAPER, mating=True, mu=MU)
+    first, second = (np.outer(tiles.site[:, 0] == x, (1.0, 0.0, 0.0)) * ~tiles.held[:, None]
+                     for x in (0, 3))
+    down = dead * np.roll(-first, 1, axis=1)
+    found = exact.rest(first, dead=down)
+    assert found.factor == pytest.approx(MU * (BOND + dead), rel=1e-9)
+    assert found.contacts.slips[0]
+    assert exact.rest(second, dead=down).factor == pytest.approx(MU * BOND, rel=1e-6)
+    uneven = down + second
+    assert exact.rest(uneven).factor == pytest.approx(MU * BOND, rel=1e-6)
+    assert exact.rest(down).factor == math.inf
+    worst = exact.worst_phase(uneven, 0.0 * uneven)
+    assert worst.factor == pytest.approx(BOND * min(MU, 1.0 / dead), rel=1e-6)
+
+
 def test_a_bond_is_peeled_by_a_torque_about_its_corner():
     tiles = chessboard([(0, 0)], [(0, -1)])
     turn = uniform(tiles, 0.0, 0.0, 1.0)

@@ -10,10 +10,12 @@ the magnets on every free tile:
 - magnet forces as they are at the lattice positions.
 
 The loads that can be borne are a convex set.  The critical factor is the largest multiple of a
-load in it: a load beyond it moves the assembly, a load below it can be borne.  Whether it is
-borne depends, with friction, on forces that the past has left: slip can begin earlier, see
-``theory.scaling.slip_onset``.  Friction does not associate its slip with its bound, so that the
-dual of the program is a mode of an assembly that dilates as it slides; it is given as that only.
+load in it: a load beyond it moves the assembly, and a load below it can be borne, if the state
+without load can (:meth:`Statics.bears`; a load may also press on what the magnets would part).
+Whether it is borne depends, with friction, on forces that the past has left: slip can begin
+earlier, see ``theory.scaling.slip_onset``.  Friction does not associate its slip with its bound,
+so that the dual of the program is a mode of an assembly that dilates as it slides; it is given as
+that only.
 
 Discs are inscribed polygons, refined where it matters, see :class:`Statics`.
 """
@@ -21,7 +23,7 @@ Discs are inscribed polygons, refined where it matters, see :class:`Statics`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -42,12 +44,12 @@ Site = tuple[int, int]  # column, row
 CHESSBOARD: tuple[Glues, Glues] = ((1, 2, 1, 2), (-1, -2, -1, -2))  # black, white; (0, 0) black
 ORIENTED: tuple[Glues, Glues] = ((2, 2, -1, -1), (1, 1, -2, -2))  # the second tile set
 
-# A load factor above this, in units of the forces at hand or of the floor's torque, counts as no
-# bound at all.
-UNBOUNDED = 1e3
-MOST = 1e12  # N, of a floor's torque over half the width: what is more counts as this
+# Load factors in units of the forces at hand or of the floor's torque: above the first it is asked
+# whether there is a bound at all, and above the second that counts as none.
+LARGE, UNBOUNDED = 1e3, 1e9
+MOST = 1e12  # N, of a floor's torque over half the width: what is more counts as no bound
+EXACT = 1e-7  # HiGHS keeps its constraints to this
 # Of the force scale: a contact that can carry more than a tenth of it still presses or sticks.
-# HiGHS keeps its constraints to 1e-7.
 SPARE = 1e-3
 
 
@@ -151,7 +153,7 @@ class Contacts(NamedTuple):
 class Rest(NamedTuple):
     """The critical multiple of a load."""
 
-    factor: float  # inf: no bound; 0: no state of rest even without it
+    factor: float  # inf: no bound; 0: no multiple of it is borne, to 1e-7 of the forces
     error: float  # the exact factor is between factor and factor + error
     contacts: Contacts | None  # just below the critical load
     mode: Reals | None  # [n, 3], m/s, m/s, rad/s for a power of 1 W of the load; see the text above
@@ -198,7 +200,9 @@ class Statics:
     tile, and so what the load could gain if the polygons were discs: sum of R |v| less what the
     corners give.  That bounds the error, since the factor with polygons is borne, and no load
     of more than the factor plus the gain is.  Corners are added along those velocities until the
-    bound is below `tolerance` (columns generated, after Dantzig and Wolfe).
+    bound is below `tolerance` (columns generated, after Dantzig and Wolfe).  Where the polygons
+    bear nothing at all, corners are added in the same way for the largest share of the magnets and
+    of what else is there that is borne.  Every call begins with the 16-gons.
     """
 
     def __init__(self, tiles: Tiles, law: Law, *, mating: bool, mu: float = 0.0,
@@ -212,7 +216,7 @@ class Statics:
         self.tiles, self.mu, self.floor = tiles, mu, floor
         self.tolerance = tolerance
         self.width = law.width
-        n, f = len(tiles.site), len(tiles.free)
+        n = len(tiles.site)
         body = np.arange(n) if rigid is None else np.asarray(rigid, dtype=np.int64)
         body = np.where(tiles.held, -1, body)  # the held tiles are one body that does not move
         self.magnets = magnet_wrench(tiles, law, mating=mating)
@@ -222,6 +226,11 @@ class Statics:
                       or min(2.0 * floor[1] / law.width, MOST) or 1.0)
         self._gather = self._equations(body)
         self._columns = self._gather @ self._forces()
+        self._begin()
+
+    def _begin(self) -> None:
+        """A regular 16-gon for each floor's disc."""
+        f = len(self.tiles.free)
         self._corner_of = np.repeat(np.arange(f), 16)  # which free tile, and where: [k, 2]
         angle = np.tile(2.0 * np.pi * np.arange(16) / 16, f)
         self._corners = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -259,16 +268,16 @@ class Statics:
         values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
         return sparse.csr_array((values, (rows, columns)), shape=(3 * n, 3 * m + len(f)))
 
-    def _program(self, others: Any, spare: bool) -> tuple[Any, ...]:
+    def _program(self, others: Any, least: Any, most: Any, spare: bool) -> tuple[Any, ...]:
         """Matrices and bounds in units of `scale`: A_ub, b_ub, A_eq, bounds.
 
-        The unknowns are those of :meth:`_forces`, the weights of the corners, and `others`, which
-        are given by their columns.  With `spare` they are a number between 0 and SPARE for each
-        bound (of N, T, floor force, floor torque) that keeps the others off it.
+        The unknowns are those of :meth:`_forces`, the weights of the corners, and `others` between
+        `least` and `most`, which are given by their columns.  With `spare` they are a number for
+        each bound (of N, T, floor force, floor torque) that keeps the others off it.
         """
         m, f, k = len(self.edges), len(self.tiles.free), len(self._corners)
         force = self.floor[0] / self.scale
-        torque = min(2.0 * self.floor[1] / self.width / self.scale, 1e3 * UNBOUNDED)
+        torque = self._turning() / self.scale
         row = np.repeat(3 * self.tiles.free[self._corner_of], 2) + np.tile([0, 1], k)
         corners = self._gather @ sparse.csr_array(
             (force * self._corners.ravel(), (row, np.repeat(np.arange(k), 2))),
@@ -276,9 +285,9 @@ class Statics:
         equal = sparse.hstack([self._columns, corners, others])
         rest, eye = others.shape[1], sparse.eye_array
         low = np.concatenate([np.zeros(2 * m), np.full(m, -np.inf), np.full(f, -torque),
-                              np.zeros(k + rest)])
+                              np.zeros(k), np.full(rest, least)])
         high = np.concatenate([np.full(3 * m, np.inf), np.full(f, torque), np.full(k, np.inf),
-                               np.full(rest, SPARE if spare else UNBOUNDED)])
+                               np.full(rest, most)])
         press = sparse.kron(eye(m), [[self.mu, self.mu]])
         weights = sparse.csr_array((np.ones(k), (self._corner_of, np.arange(k))), shape=(f, k))
         rows = [[-press, eye(m), sparse.csr_array((m, f)), None], [-press, -eye(m), None, None],
@@ -294,13 +303,14 @@ class Statics:
                 [eye(2 * m), None, None, None], [None, None, None, eye(f)],
                 [None, None, None, eye(f)]]
         matrix = sparse.hstack([sparse.block_array(rows), sparse.block_array(kept)])
-        above = np.concatenate([above, np.zeros(2 * m), np.full(2 * f, torque)])
+        above = np.concatenate([above, np.zeros(2 * m),
+                                np.full(2 * f, min(torque, MOST / self.scale))])
         return matrix, above, equal, low, high
 
-    def _solve(self, gain: Reals, program: tuple[Any, ...], load: Reals | float) -> Any:
-        """Maximise gain . (the last unknowns) under the magnets and a load; None: no solution."""
+    def _solve(self, gain: Reals, program: tuple[Any, ...], load: Reals) -> Any:
+        """Maximise gain . (the last unknowns) under a load; None: no solution."""
         matrix, above, equal, low, high = program
-        right = -(self._gather @ (self.magnets + load).ravel()) / self.scale
+        right = -(self._gather @ load.ravel()) / self.scale
         goal = np.zeros(len(low))
         goal[len(low) - len(gain):] = -gain
         for method in ("highs-ipm", "highs-ds"):  # the first is faster, the second sturdier
@@ -314,8 +324,47 @@ class Statics:
             raise RuntimeError(f"the linear program was not solved: {result.message}")
         return result
 
-    def _support(self, loads: Sequence[Reals], gain: Reals, low: float,
-                 high: float = UNBOUNDED,
+    def _optimum(self, gain: Reals, others: Any, bounds: tuple[Any, Any], load: Reals,
+                 allowed: Callable[[float], float], *, spare: bool = False) -> Any:
+        """As :meth:`_solve`, with corners added until the gain is short by what is `allowed` of it.
+
+        The result, by how much its gain may be short of that with discs, and the dual's velocities.
+        """
+        f, m = len(self.tiles.free), len(self.edges)
+        radius = self.floor[0] / self.scale
+        asked = False
+        while True:
+            result = self._solve(gain, self._program(others, *bounds, spare), load)
+            if result is None:
+                if asked or not self._bears(load, *((None,) if spare else (others, bounds))):
+                    return None
+                asked = True
+                continue
+            power = (self._gather.T @ result.eqlin.marginals).reshape(-1, 3)
+            speed = np.hypot(*power[self.tiles.free, :2].T)
+            short = radius * speed + result.ineqlin.marginals[2 * m:2 * m + f]
+            short = np.maximum(short, 0.0) if radius > 0.0 else np.zeros(f)
+            most = max(allowed(-result.fun), EXACT)
+            if short.sum() <= most:
+                return result, float(short.sum()), -power
+            self._refine(np.flatnonzero(short > 0.1 * most / f),
+                         power[self.tiles.free, :2] / np.maximum(speed, 1e-300)[:, None])
+
+    def _bears(self, load: Reals, others: Any = None,
+               bounds: tuple[float, float] = (0.0, 0.0)) -> bool:
+        """Whether `load`, magnets and all, is borne with some of the `others`; of discs, to EXACT.
+
+        By the largest share of it that is: none of it always is, as all bounds hold 0.
+        """
+        column = sparse.csr_array((self._gather @ load.ravel())[:, None] / self.scale)
+        columns = column if others is None else sparse.hstack([others, column])
+        gain = np.eye(columns.shape[1])[-1]
+        ends = [np.where(gain, end, each) for end, each in zip((0.0, 1.0), bounds, strict=True)]
+        result, _, _ = self._optimum(gain, columns, (ends[0], ends[1]), np.zeros_like(load),
+                                     lambda share: 0.5 * (1.0 - share))
+        return bool(result.x[-1] >= 1.0 - EXACT)
+
+    def _support(self, loads: Sequence[Reals], gain: Reals, low: float, high: float,
                  dead: Reals | float = 0.0) -> tuple[Reals, float, Reals] | None:
         """The borne combination of loads (in units of `scale`) that gains most.
 
@@ -323,23 +372,38 @@ class Statics:
         where nothing is borne.
         """
         others = sparse.csr_array(np.column_stack([self._gather @ load.ravel() for load in loads]))
-        f, k, m = len(self.tiles.free), len(loads), len(self.edges)
-        radius = self.floor[0] / self.scale
-        while True:
-            program = self._program(others, False)
-            program[3][-k:], program[4][-k:] = low, high
-            result = self._solve(gain, program, dead)
-            if result is None:
-                return None
-            power = (self._gather.T @ result.eqlin.marginals).reshape(-1, 3)
-            speed = np.hypot(*power[self.tiles.free, :2].T)
-            short = radius * speed + result.ineqlin.marginals[2 * m:2 * m + f]
-            short = np.maximum(short, 0.0) if radius > 0.0 else np.zeros(f)
-            allowed = max(self.tolerance * abs(result.fun), 1e-7)
-            if short.sum() <= allowed:
-                return result.x[-k:], float(short.sum()), -power
-            self._refine(np.flatnonzero(short > 0.1 * allowed / f),
-                         power[self.tiles.free, :2] / np.maximum(speed, 1e-300)[:, None])
+        found = self._optimum(gain, others, (low, high), self.magnets + dead,
+                              lambda best: self.tolerance * abs(best))
+        if found is None:
+            return None
+        result, short, mode = found
+        return result.x[-len(loads):], short, mode
+
+    def _ray(self, load: Reals, dead: Reals | float = 0.0) -> tuple[float, float, Reals] | None:
+        """As :meth:`_support`, of one load; UNBOUNDED where it is that or more."""
+        found = self._support([load], np.ones(1), 0.0, LARGE, dead)
+        if found is not None and found[0][0] > 0.99 * LARGE:
+            if self._endless(load):
+                return UNBOUNDED, 0.0, found[2]
+            found = self._support([load], np.ones(1), 0.0, UNBOUNDED, dead)
+        return None if found is None else (float(found[0][0]), *found[1:])
+
+    def _endless(self, load: Reals) -> bool:
+        """Whether contacts alone, and a floor of any torque, bear a load of size 1, to EXACT.
+
+        They then bear any multiple of it, and else there is a bound.
+        """
+        m, f = len(self.edges), len(self.tiles.free)
+        torque = math.inf if math.isinf(self._turning()) else 0.0
+        low = np.concatenate([np.zeros(2 * m), np.full(m, -np.inf), np.full(f, -torque)])
+        high = np.concatenate([np.full(3 * m, np.inf), np.full(f, torque)])
+        press = sparse.kron(sparse.eye_array(m), [[self.mu, self.mu]])
+        one, none = sparse.eye_array(m), sparse.csr_array((m, f))
+        matrix = sparse.block_array([[-press, one, none], [-press, -one, none]])
+        result = linprog(np.zeros(len(low)), A_ub=matrix, b_ub=np.zeros(2 * m),
+                         A_eq=self._columns, b_eq=-(self._gather @ load.ravel()),
+                         bounds=np.column_stack([low, high]), method="highs-ds")
+        return bool(result.status == 0)
 
     def _refine(self, which: Ints, way: Reals) -> None:
         """New corners of some free tiles' polygons, on either side of their best one at `way`.
@@ -355,17 +419,24 @@ class Statics:
         self._corner_of = np.concatenate([self._corner_of, which, which])
         self._corners = np.concatenate([self._corners, way, mirror])
 
+    def _turning(self) -> float:
+        """Largest torque of the floor over half the width (N)."""
+        turning = 2.0 * self.floor[1] / self.width
+        return turning if turning < MOST else math.inf
+
     def _wide(self) -> Statics | None:
         """The same in units of the floor's torque, if that is the largest of all; else None.
 
         A load that it alone meets can be far beyond all forces, and yet bounded.
         """
-        turning = 2.0 * self.floor[1] / self.width
-        if not self.scale < turning < MOST:
-            return None
-        wide = copy(self)
-        wide.scale = turning
-        return wide
+        turning = self._turning()
+        return self._in_units(turning) if self.scale < turning < math.inf else None
+
+    def _in_units(self, scale: float) -> Statics:
+        """The same with another unit of force (N)."""
+        other = copy(self)
+        other.scale = scale
+        return other
 
     def _load(self, load: ArrayLike) -> tuple[Reals, float]:
         """A load of size 1 and its size (N)."""
@@ -394,10 +465,11 @@ class Statics:
         if size == 0.0:
             raise ValueError("there is no load")
         fixed = np.zeros_like(unit) if dead is None else np.multiply(*self._load(dead))
-        found = self._support([unit], np.ones(1), 0.0, dead=fixed)
+        self._begin()
+        found = self._ray(unit, fixed)
         if found is None:
             return Rest(0.0, 0.0, None, None)
-        (factor,), error, power = found
+        factor, error, power = found
         if factor > 0.99 * UNBOUNDED:
             wide = self._wide()
             return Rest(math.inf, 0.0, None, None) if wide is None else wide.rest(
@@ -405,9 +477,14 @@ class Statics:
         ratio = self.scale / size
         work = float(np.sum(power * unit)) * size
         near = fixed + factor * (1.0 - 1e-6) * self.scale * unit
-        state = self.contacts(near) if contacts else None
+        state = self._contacts(near) if contacts else None
         mode = power / work if work > 0.0 else None
-        return Rest(float(factor) * ratio, error * ratio, state, mode)
+        return Rest(factor * ratio, error * ratio, state, mode)
+
+    def bears(self, load: ArrayLike) -> bool:
+        """Whether there is a state of rest under `load` (float64[n, 3]), to 1e-7 of the forces."""
+        self._begin()
+        return self._bears(self.magnets + np.multiply(*self._load(load)))
 
     def contacts(self, load: ArrayLike) -> Contacts | None:
         """A state of rest under `load` with as many contacts inside their bounds as can be.
@@ -416,14 +493,21 @@ class Statics:
         a point inside every bound that some state of rest leaves open, so that what is at its
         limit here is at its limit in all of them, to SPARE of the largest force.
         """
-        unit, size = self._load(load)
-        m, f, k = len(self.edges), len(self.tiles.free), len(self._corners)
+        self._begin()
+        return self._contacts(np.multiply(*self._load(load)))
+
+    def _contacts(self, load: Reals) -> Contacts | None:
+        largest = self._load(load)[1]
+        if largest > self.scale:
+            return self._in_units(largest)._contacts(load)
+        m, f = len(self.edges), len(self.tiles.free)
         others = sparse.csr_array((self._columns.shape[0], 3 * m + 2 * f))
-        result = self._solve(np.ones(3 * m + 2 * f), self._program(others, True), size * unit)
-        if result is None:
+        found = self._optimum(np.ones(3 * m + 2 * f), others, (0.0, SPARE), self.magnets + load,
+                              lambda _: 0.01 * SPARE, spare=True)
+        if found is None:
             return None
         normal, friction, torque, weight, spare = np.split(
-            result.x, np.cumsum([2 * m, m, f, k]))
+            found[0].x, np.cumsum([2 * m, m, f, len(self._corners)]))
         tight = spare < 0.1 * SPARE
         opens, slips, slide, turn = np.split(tight, np.cumsum([2 * m, m, f]))
         n, free = len(self.tiles.site), self.tiles.free
@@ -459,12 +543,15 @@ class Statics:
         loads = [unit_a * (size_a / size), unit_b * (size_b / size)]
         # From four rays; what lies further out than twice the shortest does not matter.
         axes = [np.array(axis, float) for axis in ((1, 0), (0, 1), (-1, 0), (0, -1))]
-        rays = [self._support([axis[0] * loads[0] + axis[1] * loads[1]], np.ones(1), 0.0)
-                for axis in axes]
+        self._begin()
+        rays = [self._ray(axis[0] * loads[0] + axis[1] * loads[1]) for axis in axes]
         if any(ray is None for ray in rays):
             return Phase(0.0, math.nan, 0.0)
-        length = [float(ray[0][0]) for ray in rays if ray is not None]
-        far = min(2.0 * min(length), UNBOUNDED)
+        length = [ray[0] for ray in rays if ray is not None]
+        if min(length) > 0.99 * UNBOUNDED:
+            wide = self._wide()
+            return Phase(math.inf, math.nan, 0.0) if wide is None else wide.worst_phase(a, b)
+        far = 2.0 * min(length)
         points = [min(r, far) * axis for r, axis in zip(length, axes, strict=True)]
         while True:
             points = [p for p, q in zip(points, points[1:] + points[:1], strict=True)
@@ -475,9 +562,6 @@ class Statics:
             normal = np.column_stack([way[:, 1], -way[:, 0]]) / np.hypot(*way.T)[:, None]
             height = np.sum(normal * np.array(points), axis=1)
             k = int(np.argmin(height))
-            if height[k] > 0.99 * UNBOUNDED:
-                wide = self._wide()
-                return Phase(math.inf, math.nan, 0.0) if wide is None else wide.worst_phase(a, b)
             found = self._support(loads, normal[k], -far, far)
             assert found is not None
             point, error, _ = found
