@@ -286,6 +286,20 @@ def test_a_force_takes_its_share_of_the_torque():
     assert stability.critical_torque(tiles, force=1.0) == 0.0
 
 
+def test_no_torque_is_left_to_a_force_that_is_not_borne_without_it():
+    """Two tiles on a held one: the outer one, pushed off sideways, is held with some torque."""
+    tiles = chessboard([(0, 0), (1, 0)], [(2, 0)])
+    outer = (tiles.site == (0, 0)).all(axis=1)
+    numbers = MATING._replace(mu=0.5, floor=(0.0, 0.0))
+    law, mating, mu, floor = numbers
+    exact = statics.Statics(tiles, law, mating=mating, mu=mu, floor=floor)
+    push, turn = (np.outer(outer, wrench) for wrench in ((0.0, 0.08, 0.0), (0.0, 0.0, 1.0)))
+    assert not exact.bears(push)
+    assert exact.rest(turn, dead=push).factor > 0.0
+    assert stability.critical_torque(tiles, outer, numbers, 0.08) == 0.0
+    assert stability.critical_torque(tiles, outer, numbers, 0.05) > 0.0
+
+
 def test_the_tables_have_every_case_and_position():
     text = stability.sizes_table([1, 2], FORCE, TORQUE, 2, MATING)
     assert all(text.count(name) >= 2 for name in stability.CASES)

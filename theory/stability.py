@@ -302,8 +302,9 @@ def critical_torque(tiles: Tiles, driven: ArrayLike | None = None,
     statics = Statics(tiles, law, mating=mating, mu=mu, floor=floor)
     push = np.outer(force * sign, (0.0, 1.0, 0.0))
     turn = np.outer(sign, (0.0, 0.0, 1.0))
+    # Where a torque is borne, but not the force without it, a drive that grows gets to neither.
     return min(statics.rest(way * turn, dead=way * push, contacts=False).factor
-               for way in (1.0, -1.0))
+               if statics.bears(way * push) else 0.0 for way in (1.0, -1.0))
 
 
 # Report.
