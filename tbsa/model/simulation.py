@@ -384,20 +384,23 @@ class Simulation:
         self.state = self.state._replace(impulses=new)
 
     def magnet_forces(self) -> tuple[Floats, Floats, Floats]:
-        """Forces (N, x and y) and torques (N m) of the magnets on every tile, float64[n] each."""
+        """Forces (N, x and y) and torques (N m) of the magnets on every tile, float64[n] each.
+
+        Held tiles are among them, with what they do to each other, though it moves nothing.
+        """
         n = self.numbers.n
-        fx, fy, torque = np.zeros(n), np.zeros(n), np.zeros(n)
+        fx, fy, torque, all_free = np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n + 1)
         if self.magnets.cutoff > 0.0 and n > 1:
             alone, none, angle = empty_crew(1), np.zeros(n), self.angle
-            while build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
+            while build_pairs(self._work.pairs, n, self.x, self.y, all_free, self._reach,
                               none, alone) > self._work.pairs.other.size:
                 self._grow(core.MORE_PAIRS)
             while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
                                 angle, np.cos(angle), np.sin(angle), none, self._work.magnets,
                                 fx, fy, torque, alone) > self._work.magnets.p.size:
                 self._grow(core.MORE_MAGNETS)
-                build_pairs(self._work.pairs, n, self.x, self.y, self.tiles.mobile, self._reach,
-                            none, alone)
+                build_pairs(self._work.pairs, n, self.x, self.y, all_free, self._reach, none,
+                            alone)
         return fx, fy, torque
 
     def contact_forces(self) -> dict[str, NDArray[Any]]:
