@@ -19,7 +19,11 @@ from tbsa.kernels.floor import (
     TORQUE,
     _normal,
     floor_impulse,
+    friction_of,
+    impulse_of_turn,
+    interval,
     square_friction,
+    turns,
 )
 from tbsa.model.scene import Floor
 from theory import floor as truth
@@ -472,3 +476,84 @@ def test_a_tile_that_slides_and_turns_stops_doing_both_at_once(law):
     assert moving[0] == (True, True)
     assert moving[-1] == (False, False)
     assert not any(a != b for a, b in moving)
+
+
+# What goes on, and what turns round.
+
+
+def going_on(law, twist, angle):
+    return np.array(friction_of(law, *twist, MASS, INERTIA, R, Q, math.cos(angle),
+                                math.sin(angle)))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_friction_of_a_tile_that_goes_on_is_that_of_a_fast_one(law):
+    """The impulse at the mean twist, where that changes by a thousandth in the substep."""
+    rng, unit = np.random.default_rng(5), np.array([R / MASS, R / MASS, Q / INERTIA])
+    for _ in range(20):
+        twist, angle = 1e3 * (1.0 + rng.random(3)) * rng.choice([-1, 1], 3) * unit, rng.normal()
+        expected = impulse(law, twist, twist, angle)
+        off = (going_on(law, twist, angle) - expected) / np.array([R, R, Q])
+        assert np.abs(off).max() < 2e-3
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_friction_of_what_is_all_but_at_rest_is_in_proportion(law):
+    """A direction that is made of rounding is none."""
+    twist = np.array([R / MASS, -R / MASS, Q / INERTIA])
+    p = going_on(law, 1e-3 * twist, 0.3)
+    assert going_on(law, 1e-9 * twist, 0.3) == pytest.approx(1e-6 * p, rel=1e-9)
+    assert np.abs(p / np.array([R, R, Q])).max() < 0.1
+    assert not going_on(law, np.zeros(3), 0.3).any()
+
+
+def turned_round(law, start, trial, angle=0.3):
+    cos, sin = math.cos(angle), math.sin(angle)
+    *p, stops, halts = impulse_of_turn(law, *start, *trial, MASS, INERTIA, R, Q, cos, sin)
+    return np.array(p), stops, halts
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("spin", [False, True])
+def test_on_a_line_a_turn_is_exact(law, spin):
+    """As of the spin of a tile on separate friction, which is one-dimensional."""
+    bound, m = (Q, INERTIA) if spin else (R, MASS)
+    axis = np.array([0.0, 0.0, 1.0]) if spin else np.array([0.6, 0.8, 0.0])
+    for v0, v in ((0.5, -2.0), (0.9, -0.2), (2.0, 0.5), (0.3, -0.8), (1.5, -7.0)):
+        start, trial = v0 * bound / m * axis, v * bound / m * axis
+        p, stops, halts = turned_round(law, start, trial)
+        expected, rests = interval(v0 * bound / m, v * bound / m, m, bound)
+        assert p @ axis == pytest.approx(expected, rel=1e-9)
+        assert np.abs(p - (p @ axis) * axis)[:2].max() < 1e-9 * R
+        assert (halts if spin else stops) == rests
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_turn_is_what_many_short_substeps_make_of_it(law):
+    """Within a few per cent of the bound, where one mean twist for all of it is off by most."""
+    rng, unit = np.random.default_rng(6), np.array([R / MASS, R / MASS, Q / INERTIA])
+    for _ in range(12):
+        start, load = 0.5 * rng.normal(size=3) * unit, rng.normal(size=3)
+        load *= rng.uniform(2.0, 4.0) / np.linalg.norm(load) * unit
+        start -= 0.2 * load
+        v, n = start.copy(), 2000
+        for _ in range(n):
+            cos, sin = math.cos(0.3), math.sin(0.3)
+            p = np.array(floor_impulse(law, *v, *(v + load / n), MASS, INERTIA, R / n, Q / n, cos,
+                                       sin)[:3])
+            v = v + load / n + p / M
+        found = start + load + turned_round(law, start, start + load)[0] / M
+        assert np.abs((found - v) / unit).max() < 0.12
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_what_turns_round_is_told_from_what_does_not(law):
+    unit = np.array([R / MASS, R / MASS, 0.0])
+    for start, trial, stopped, expected in (
+            ((3.0, 0.0), (2.0, 0.0), False, False),  # slides on
+            ((1.0, 0.0), (0.5, 0.0), True, False),  # stops
+            ((0.0, 0.0), (0.9, 0.0), True, False),  # rests
+            ((0.5, 0.0), (-0.9, 0.0), False, True),  # turns
+            ((1.5, 0.0), (0.2, 0.0), True, True)):  # is pushed back by more than friction
+        assert bool(turns(law, *(np.array([*start, 0.0]) * unit), *(np.array([*trial, 0.0]) * unit),
+                          MASS, INERTIA, R, Q, stopped)) == expected

@@ -683,3 +683,22 @@ def test_what_rubs_elsewhere_does_not_pay_for_work_done_here():
 
     assert released(far=False) < 0.1
     assert released(far=True) < 0.1
+
+
+@pytest.mark.parametrize("law", ["separate", "coupled", "exact"])
+@pytest.mark.parametrize("ratio", [1.2, 2.0, 5.0])
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_a_tile_that_its_load_turns_round_comes_back_as_fast_as_it_is_to(law, ratio, substeps):
+    """As a block that slides up a slope, stops, and comes down: exactly, at every step."""
+    load, v0 = ratio * SLIDING, 0.11
+    up, down = (load + SLIDING) / MASS, (load - SLIDING) / MASS
+    for step in (1 / 60, 1 / 117, 1 / 480):
+        s = simulate([tile(0, 0, 0.3, v0, 0)], floor=Floor(law), step=step, substeps=substeps,
+                     drive=Drive("constant", (-load, 0.0)))
+        while s.time < v0 / up + 2.5 * step:
+            s.advance(1)
+        back = s.time - v0 / up
+        assert s.vx[0] == pytest.approx(-down * back, abs=1e-12)
+        assert s.x[0] == pytest.approx(v0**2 / up / 2 - down * back**2 / 2,
+                                       abs=up * (step / substeps)**2)
+        assert abs(s.vy[0]) + WIDTH * abs(s.omega[0]) < 1e-12

@@ -125,6 +125,7 @@ from tbsa.kernels.sweeps import (
     changed,
     floor_tiles,
     sweep_blocks,
+    turn_round,
 )
 
 # Error words of `advance`.
@@ -778,6 +779,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull
         if m > 0:
             limit_work(rows, kh, floor, c, s, v, before, crew)
         if floor.law != 0:
+            turn_round(rows, floor, kh, c, s, v)
             drift_back(kh, floor, before, v, x, y, angle, crew)
 
     low, high = give(crew, END, ZERO, n, LEAST_TILES)

@@ -8,7 +8,9 @@ With M = diag(m, m, I) and s = start + trial, trial being the end without the im
     p = argmin  1/2 (p + M s)^T M^-1 (p + M s)   over the limit set,
 
 so that the mean twist (s + M^-1 p)/2 is minus a normal of the set at p, and friction does no
-work on it.  Limit sets, for bounds R = F_max h and Q = T_max h:
+work on it.  A tile without contacts that turns round in the substep has no such mean: the substep
+is cut where it is slowest, and both parts have theirs (`impulse_of_turn`).  Limit sets, for bounds
+R = F_max h and Q = T_max h:
 
 - ``SEPARATE``: |(px, py)| <= R and |pt| <= Q, each of which stops or slides by itself; the spin,
   in one dimension, exactly (`interval`);
@@ -34,6 +36,9 @@ NONE, SEPARATE, COUPLED, EXACT = 0, 1, 2, 3
 
 # T_max/(F_max w) of a square under uniform pressure: the mean distance from its centre.
 TORQUE = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0
+
+# Below this part of what friction takes in a substep a speed has no direction; see `friction_of`.
+SLOW = 0.1
 
 # The exact set lies between these multiples of the ellipsoid with the same axes (0.9337, 1).
 INNER, OUTER = 0.93, 1.001
@@ -74,6 +79,51 @@ def floor_impulse(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: fl
     else:
         px, py, pt = _exact(v0x + vx, v0y + vy, w0 + w, vx, vy, w, m, inertia, R, Q, cos, sin)
         stops, halts = (px == -m * vx) & (py == -m * vy), pt == -inertia * w
+    return px, py, pt, stops, halts
+
+
+@lane
+def turns(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: float, w: float, m: float,
+          inertia: float, R: float, Q: float, stops: bool) -> bool:
+    """Whether a tile may turn round in a substep, arguments as in :func:`floor_impulse`: it ends
+    the other way, or stops though what acts on it is more than friction bears."""
+    bx, by, bw = vx - v0x, vy - v0y, w - w0
+    if law == SEPARATE:
+        return (v0x * vx + v0y * vy < 0.0) | (
+            stops & (v0x * v0x + v0y * v0y > 0.0) & (m * m * (bx * bx + by * by) > R * R))
+    r2, q2 = m * m / (R * R), inertia * inertia / (Q * Q)
+    return (m * (v0x * vx + v0y * vy) + inertia * w0 * w < 0.0) | (
+        stops & (v0x * v0x + v0y * v0y + w0 * w0 > 0.0)
+        & (r2 * (bx * bx + by * by) + q2 * bw * bw > (INNER * INNER if law == EXACT else 1.0)))
+
+
+@inline
+def impulse_of_turn(law: int, v0x: float, v0y: float, w0: float, vx: float, vy: float, w: float,
+                    m: float, inertia: float, R: float, Q: float, cos: float, sin: float) -> Any:
+    """As :func:`floor_impulse`, of a tile that may turn round: in two parts, up to where it is
+    slowest, if it goes on as it begins, and from there.  Exact on a line, for constant forces."""
+    bx, by, bw = vx - v0x, vy - v0y, w - w0
+    px, py, pt = friction_of(law, v0x, v0y, w0, m, inertia, R, Q, cos, sin)
+    ax, ay, aw = bx + px / m, by + py / m, bw + pt / inertia
+    r2 = 0.0 if law == SEPARATE else inertia / m
+    towards = v0x * ax + v0y * ay + r2 * w0 * aw
+    one = min(max(-towards / max(ax * ax + ay * ay + r2 * aw * aw, 1e-300), 0.0), 1.0)
+    two = 1.0 - one
+    ux, uy, uw = v0x, v0y, w0
+    if one > 0.0:
+        px, py, pt, _, _ = floor_impulse(law, v0x, v0y, w0, v0x + one * bx, v0y + one * by,
+                                         w0 + one * bw, m, inertia, one * R, one * Q, cos, sin)
+        ux, uy, uw = v0x + one * bx + px / m, v0y + one * by + py / m, w0 + one * bw + pt / inertia
+    stops = halts = False
+    if two > 0.0:
+        tx, ty, tw = ux + two * bx, uy + two * by, uw + two * bw
+        px, py, pt, stops, halts = floor_impulse(law, ux, uy, uw, tx, ty, tw, m, inertia, two * R,
+                                                 two * Q, cos, sin)
+        ux, uy, uw = tx + px / m, ty + py / m, tw + pt / inertia
+    ux, uy = (0.0 if stops else ux), (0.0 if stops else uy)
+    px, py, pt = m * (ux - vx), m * (uy - vy), inertia * ((0.0 if halts else uw) - w)
+    if law == SEPARATE:  # turning and going are two things
+        pt, halts = interval(w0, w, inertia, Q)
     return px, py, pt, stops, halts
 
 
@@ -138,6 +188,34 @@ def projected(sx: float, sy: float, sw: float, m: float, inertia: float, R: floa
     linear = m if rests else R * R / (A + k)
     angular = inertia if rests else Q * Q / (B + k)
     return -linear * sx, -linear * sy, -angular * sw
+
+
+@inline
+def friction_of(law: int, vx: float, vy: float, w: float, m: float, inertia: float, R: float,
+                Q: float, cos: float, sin: float) -> Any:
+    """Impulse ``(px, py, pt)`` of the floor on a tile that slides on with this twist (N s, N s,
+    N m s; world axes): minus the gradient of its dissipation.
+
+    It is in proportion to what is slower than a part (SLOW) of what it can take away: the direction
+    of a tile that is all but at rest is made of rounding.
+    """
+    v2 = vx * vx + vy * vy
+    if law == SEPARATE:
+        linear = R / max(math.sqrt(v2), max(SLOW * R / m, 1e-300))
+        angular = Q / max(abs(w), max(SLOW * Q / inertia, 1e-300))
+        return -linear * vx, -linear * vy, -angular * w
+    arm = Q / R
+    size = math.sqrt(v2 + arm * arm * w * w)
+    if law == COUPLED:
+        linear = R / max(size, SLOW * R / m)
+        return -linear * vx, -linear * vy, -linear * arm * arm * w
+    if size == 0.0:
+        return 0.0, 0.0, 0.0
+    width = arm / TORQUE
+    _, hx, hy, hw, _, _, _, _, _, _ = square_friction(
+        cos * vx + sin * vy, cos * vy - sin * vx, width * w)
+    bound = R * min(size / (SLOW * R / m), 1.0)
+    return -bound * (cos * hx - sin * hy), -bound * (sin * hx + cos * hy), -bound * width * hw
 
 
 @inline

@@ -29,7 +29,7 @@ import numpy as np
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import SPARE, SWEPT, place_block, weigh_block
-from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse
+from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline
 from tbsa.kernels.routh import routh
@@ -89,7 +89,7 @@ SEARCH = 60
 SOON = 2.0 / SEARCH
 # Hits of one tile at times that differ by less than this part of the substep are one.
 SAME = 1e-3
-# A tile that comes no further than this fraction of the width until it is hit is left where it is.
+# Tiles that come no further than this fraction of the width until they hit are left where they are.
 NOWHERE = 1e-5
 # A solve of impacts leaves up to so many tolerances; among what hits, this part of the fastest
 # approach.
@@ -179,6 +179,22 @@ def share(v: Bodies, z: Scratch, i: int, part: float) -> None:
     v.vx[i] += part * z.gainx[i]
     v.vy[i] += part * z.gainy[i]
     v.w[i] += part * z.gainw[i]
+
+
+@inline
+def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
+           s: np.ndarray, i: int) -> None:
+    """The gain of tile i as it goes after an impact: friction with the floor is against its new
+    way, and what bears a tile takes the forces on it, but not its friction."""
+    h, floor, im, ii = loads.h, loads.floor, k.im, k.ii
+    if v.mobile[i] == 0.0 or floor.law == NONE:
+        return
+    px, py, pt = friction_of(floor.law, v.vx[i], v.vy[i], v.w[i], 1.0 / im, 1.0 / ii,
+                             floor.force * h, floor.torque * h, c[i], s[i])
+    free = 0.0 if pressed(rows, i) else h
+    z.gainx[i] = im * (free * loads.fx[i] + px)
+    z.gainy[i] = im * (free * loads.fy[i] + py)
+    z.gainw[i] = ii * (free * loads.torque[i] + pt)
 
 
 @inline
@@ -295,7 +311,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         if count != 0.0 and (first or second):
             an, bn = (an1, bn1) if second else (an0, bn0)
             gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
-            if count == 2.0 and (abs(other - gap) < FLUSH * k.width
+            if count == 2.0 and ((first and second) or abs(other - gap) < FLUSH * k.width
                                  or (other < near and abs(vn) <= slow)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
             if gap <= other:  # the nearer of them alone
@@ -360,6 +376,7 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     time, nx, ny, an, bn, at, bt, of_a = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
     ma, mb, part = v.mobile[a], v.mobile[b], time / loads.h - 0.5
+    ax0, ay0, aw0, bx0, by0, bw0 = vx[a], vy[a], w[a], vx[b], vy[b], w[b]
     share(v, z, a, part)
     share(v, z, b, part)
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
@@ -382,14 +399,16 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     vx[b] += mb * im * px
     vy[b] += mb * im * py
     w[b] += turn_b
+    redraw(rows, k, loads, v, z, c, s, a)
+    redraw(rows, k, loads, v, z, c, s, b)
     share(v, z, a, -part)
     share(v, z, b, -part)
-    x[a] += time * ma * im * px
-    y[a] += time * ma * im * py
-    angle[a] -= time * turn_a
-    x[b] -= time * mb * im * px
-    y[b] -= time * mb * im * py
-    angle[b] -= time * turn_b
+    x[a] += time * (ax0 - vx[a])
+    y[a] += time * (ay0 - vy[a])
+    angle[a] += time * (aw0 - w[a])
+    x[b] += time * (bx0 - vx[b])
+    y[b] += time * (by0 - vy[b])
+    angle[b] += time * (bw0 - w[b])
     for body_index in (a, b):
         if body_index == U(k.n) or v.mobile[body_index] == 0.0:
             continue
@@ -449,30 +468,42 @@ def pressed(rows: Rows, tile: int) -> bool:
 
 
 @inline
+def propped(rows: Rows, mobile: np.ndarray, tile: int) -> bool:
+    """Whether a tile was in contact with what does not move at the end of the substep before."""
+    r, carried = rows.field, 0.0
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        i = lane_of(rows.of[p])
+        t = U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+        if mobile[rows.body[t]] * mobile[rows.body[t + LANES]] == 0.0:
+            carried += r[i + WARM0] + r[i + WARM1]
+    return carried > 0.0
+
+
+@inline
 def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float) -> None:
+          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads) -> None:
     """Let row q take part in the impact, at its time: without impulses, and its gap may close if it
     hits.
 
-    Its tiles fly on to where they then are.  One that hardly moves by then stays, and so does one
-    that is pressed against another: straight on it would leave it, or sink in.  `h` is the length
-    of the substep (s).
+    Its tiles fly on to where they then are, unless neither comes anywhere by then.  One that is
+    pressed against another stays: straight on it would leave it, or sink in.
     """
     r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
     at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     z.rows[z.size[0]] = q
     z.size[0] += 1
-    moved = False
+    moved, flies = False, time * max(corner_speed(k, v, body[t]), corner_speed(
+        k, v, body[t + LANES])) > NOWHERE * k.width
     for i in (body[t], body[t + LANES]):
         if mobile[i] == 0.0:
             continue
         if z.in_it[i] == 0:
+            draw(rows, k, loads, v, z, c, s, i)
             z.in_it[i] = 1
             z.tiles[z.size[1]] = i
             z.size[1] += 1
-            z.when[i], z.part[i] = 0.0, time / h - 0.5
-            if (time * corner_speed(k, v, i) > NOWHERE * k.width
-                    and (z.since[i] > 0.0 or not pressed(rows, i))):
+            z.when[i], z.part[i] = 0.0, time / loads.h - 0.5
+            if flies and (z.since[i] > 0.0 or not propped(rows, mobile, i)):
                 z.when[i] = time
                 x[i] += time * v.vx[i]
                 y[i] += time * v.vy[i]
@@ -486,6 +517,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     if moved:
         id0, id1 = r[at + ID0] if first else -2.0, r[at + ID1] if second else -2.0
         place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
+        z.time[q] = time
         left, least = max(k.h - time, SAME * k.h), 2.0 * NOWHERE * k.width
         gap0, gap1 = r[at + GAP0], r[at + GAP1]
         first = gap0 <= least or r[at + ID0] == id0 or r[at + ID0] == id1
@@ -501,7 +533,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
 
 @inline
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-           angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float, size: int,
+           angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, size: int,
            fine: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
@@ -537,7 +569,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                         if gap > touching(r, i, k.width):
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
-                        enter(rows, other, k, v, z, x, y, angle, c, s, h)
+                        enter(rows, other, k, v, z, x, y, angle, c, s, loads)
                     known[other] = 2
                     then[m] = other
                     m += 1
@@ -732,12 +764,12 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     for j in range(size):
         at = lane_of(rows.now[j])
         fastest = max(fastest, -min(r[at + VN0], r[at + VN1]))
-        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads.h)
+        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads)
         z.known[rows.now[j]] = 2
     fine = min(ROUGH * k.tolerance, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, x, y, angle, c, s, loads.h, size, fine)
+    settle(rows, k, v, z, x, y, angle, c, s, loads, size, fine)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -769,7 +801,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, v, z, x, y, angle, c, s, loads.h, size, fine)
+        settle(rows, k, v, z, x, y, angle, c, s, loads, size, fine)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
@@ -792,6 +824,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
     for j in range(z.size[1]):  # and back
         i, time = z.tiles[j], z.when[z.tiles[j]]
+        redraw(rows, k, loads, v, z, c, s, i)
         share(v, z, i, -z.part[i])
         if time > 0.0:
             x[i] -= time * v.vx[i]

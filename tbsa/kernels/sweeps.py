@@ -25,7 +25,15 @@ from tbsa.kernels.crew import (
     collect,
     give,
 )
-from tbsa.kernels.floor import COUPLED, EXACT, SEPARATE, FloorLaw, floor_impulse
+from tbsa.kernels.floor import (
+    COUPLED,
+    EXACT,
+    SEPARATE,
+    FloorLaw,
+    floor_impulse,
+    impulse_of_turn,
+    turns,
+)
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.manifold import push, solve_mixed, solve_pairs
 from tbsa.kernels.rows import (
@@ -275,6 +283,29 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
     else:
         for i in range(first, last):
             change[i] = floor_below(EXACT, i, floor, k, c, s, v)
+
+
+@inline
+def turn_round(rows: Rows, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray,
+               v: Bodies) -> None:
+    """Solve the floor's impulse anew of the tiles without rows that turn round in the substep."""
+    im, ii, start = k.im, k.ii, rows.start
+    m, inertia, R, Q = 1.0 / im, 1.0 / ii, floor.force * k.h, floor.torque * k.h
+    for i in range(U(k.n)):
+        if start[i] != start[i + U(1)]:
+            continue
+        tx, ty, tw = (v.vx[i] - im * v.floorx[i], v.vy[i] - im * v.floory[i],
+                      v.w[i] - ii * v.floort[i])
+        stops = (v.vx[i] == 0.0) & (v.vy[i] == 0.0)
+        if not turns(floor.law, v.startx[i], v.starty[i], v.startw[i], tx, ty, tw, m, inertia, R, Q,
+                     stops):
+            continue
+        px, py, pt, stops, halts = impulse_of_turn(
+            floor.law, v.startx[i], v.starty[i], v.startw[i], tx, ty, tw, m, inertia, R, Q, c[i],
+            s[i])
+        v.floorx[i], v.floory[i], v.floort[i] = px, py, pt
+        v.vx[i], v.vy[i] = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
+        v.w[i] = 0.0 if halts else tw + ii * pt
 
 
 @inline
