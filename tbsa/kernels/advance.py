@@ -56,7 +56,6 @@ from tbsa.kernels.crew import (
     END,
     FILL,
     FLOOR,
-    INDEX,
     KEEP,
     KICK,
     LEAST_BLOCKS,
@@ -64,7 +63,6 @@ from tbsa.kernels.crew import (
     LEAVE,
     LINE,
     LIST,
-    NEED,
     PACE,
     PAIRS,
     PLACE,
@@ -114,7 +112,6 @@ from tbsa.kernels.rows import (
     colour_rows,
     fill_lanes,
     find_rows,
-    index_parts,
     recall,
     recall_all,
     remember,
@@ -515,25 +512,6 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     return OK if fits(found, ahead, pairs.other.size) else MORE_PAIRS
 
 
-@lane
-def find_need(k: Numbers, half: float, time: float, work: Work, begin: int, end: int) -> None:
-    """How far these tiles and their magnets go in a time `half`, and if the list is to be made that
-    covers it, with room for some steps of length `time` (s), else 0."""
-    need, turning, pace, speed = work.need, work.turning, work.pace, work.speed
-    vx, vy, w = work.bodies.vx, work.bodies.vy, work.bodies.w
-    if time == 0.0:
-        for i in range(U(begin), U(end)):
-            pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
-            speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
-            need[i], turning[i] = half * pace[i], half * speed[i]
-        return
-    more, most = MAGNET_ROOM * k.width, MAGNET_MOST * k.width
-    for i in range(U(begin), U(end)):
-        centre, corners = time * pace[i], time * speed[i]
-        need[i] += more + max(centre, min(MAGNET_STEPS * centre, most))
-        turning[i] += more + max(corners, min(MAGNET_STEPS * corners, most))
-
-
 @inline
 def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: MagnetLaw,
                  x: np.ndarray, y: np.ndarray, angle: np.ndarray, ahead: int, work: Work,
@@ -543,20 +521,22 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     So no pair within the cut-off is ever missing, whatever the age of the list.  Returns an
     error word.
     """
-    near, crew = work.magnets, work.crew
-    crew.numbers[0], crew.numbers[1] = half, 0.0
-    begin, end = give(crew, NEED, ZERO, k.n, LEAST_TILES)
-    find_need(k, half, 0.0, work, begin, end)
-    collect(crew)
-    if (ahead * k.keep_lists == ahead and not magnets_stale(
-            near, k.n, law.offset, x, y, angle, work.need, work.turning)):
+    need, turning, pace, speed, near = (work.need, work.turning, work.pace, work.speed,
+                                        work.magnets)
+    vx, vy, w = work.bodies.vx, work.bodies.vy, work.bodies.w
+    for i in range(U(k.n)):
+        pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
+        speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
+        need[i], turning[i] = half * pace[i], half * speed[i]
+    if (ahead * k.keep_lists == ahead
+            and not magnets_stale(near, k.n, law.offset, x, y, angle, need, turning)):
         return OK
     if ahead > 0:
-        crew.numbers[1] = k.substeps * k.h
-        begin, end = give(crew, NEED, ZERO, k.n, LEAST_TILES)
-        find_need(k, half, k.substeps * k.h, work, begin, end)
-        collect(crew)
-    need, turning = work.need, work.turning
+        more, most, time = MAGNET_ROOM * k.width, MAGNET_MOST * k.width, k.substeps * k.h
+        for i in range(U(k.n)):
+            centre, corners = time * pace[i], time * speed[i]
+            need[i] += more + max(centre, min(MAGNET_STEPS * centre, most))
+            turning[i] += more + max(corners, min(MAGNET_STEPS * corners, most))
     error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
     if error != OK:
         return int(error)
@@ -965,10 +945,6 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
                 magnets, work.pairs, k.n, tiles.glues, x, y, work.c, work.s, work.need,
                 work.turning, work.magnets, me, crew.size, first, last)
             crew.found[me * LINE], crew.found[me * LINE + 1] = pairs, left
-        elif what == NEED:
-            find_need(k, crew.numbers[0], crew.numbers[1], work, first, last)
-        elif what == INDEX:
-            index_parts(rows, rows.size[0], k.n, tiles.mobile, first, last)
         elif what == ASSUME:
             assume(k, crew.numbers[5], True, x, y, angle, work, first, last)
         elif what == BEYOND:

@@ -23,7 +23,6 @@ from tbsa.kernels.bodies import Numbers
 from tbsa.kernels.crew import (
     CLEAR,
     FILL,
-    INDEX,
     KEEP,
     LEAST_BLOCKS,
     LEAST_ROOM,
@@ -324,7 +323,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
         if b == n:
             field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = code, code
         j -= 1
-    index_parts(rows, m + found, n, mobile, ZERO, 2)
+    index_rows(rows, m + found, n, mobile)
     return int(found)
 
 
@@ -415,7 +414,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     begin, end = give(crew, FILL, ZERO, m, LEAST_TILES)
     fill_lanes(rows, k, mobile, begin, end)
     collect(crew)
-    index_rows(rows, m, k.n, mobile, crew)
+    index_rows(rows, m, k.n, mobile)
     return True
 
 
@@ -460,27 +459,10 @@ def fill_lane(rows: Rows, at: int, t: int, a: int, b: int, k: Numbers, mobile: n
 
 
 @inline
-def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray, crew: Crew) -> None:
-    """List the rows of every mobile tile, in order, and find what hangs together through them:
-    two things, that two threads do."""
-    begin, end = give(crew, INDEX, ZERO, 2 if m >= LEAST_TILES else 0, 2)
-    index_parts(rows, m, n, mobile, begin, 2 if m < LEAST_TILES else end)
-    collect(crew)
-
-
-@lane
-def index_parts(rows: Rows, m: int, n: int, mobile: np.ndarray, begin: int, end: int) -> None:
-    """The first of the two, or the second, or both."""
-    if begin == 0 and end > 0:
-        list_rows(rows, m, n, mobile)
-    if begin < 2 and end == 2:
-        find_islands(rows, m, n, mobile)
-
-
-@inline
-def list_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
-    """List the rows of every mobile tile, in order."""
+def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
+    """List the rows of every mobile tile, in order, and find what hangs together through them."""
     ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
+    island = rows.island
     set_all(start, ZERO)
     for i in range(m):
         start[U(ra[i]) + U(1)] += 1
@@ -497,12 +479,6 @@ def list_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
         if mobile[b] != 0.0:  # the ground is not
             of[fill[b]] = row
             fill[b] += 1
-
-
-@inline
-def find_islands(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
-    """Of every tile the first one of those that hang together with it through rows."""
-    ra, rb, island = rows.a, rows.b, rows.island
     for i in range(n + 1):
         island[i] = i
     for i in range(m):
