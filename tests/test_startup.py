@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import itertools
 import json
+import operator
 import os
 import re
 import shutil
@@ -15,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core import types
+from numba.core.registry import cpu_target
 
 import tbsa
 from tbsa.kernels import drives, geometry, jit, rows
@@ -232,6 +236,23 @@ def test_a_helper_of_arrays_cannot_be_called_from_python():
     with pytest.raises(TypeError, match="remember takes arrays"):
         rows.remember(None, 0, None, 0, 0)
     assert geometry.cos_sin(0.0) == (1.0, 0.0)
+
+
+def test_numba_is_as_it_was_once_a_kernel_is_compiled():
+    """And finds for numbers what it has always found."""
+    before = types.BaseFunction.get_call_type
+    context = cpu_target.typing_context
+    plus = context.resolve_value_type(operator.add)
+    with jit._typed_once():
+        assert types.BaseFunction.get_call_type is not before
+        for a, b in itertools.product((types.int64, types.uint64, types.float64, types.boolean),
+                                      repeat=2):
+            found = [plus.get_call_type(context, (a, b), {}) for _ in range(2)]
+            assert found[0] == found[1] == before(plus, context, (a, b), {})
+    assert types.BaseFunction.get_call_type is before
+    with pytest.raises(RuntimeError), jit._typed_once():
+        raise RuntimeError
+    assert types.BaseFunction.get_call_type is before
 
 
 # tbsa warmup.
