@@ -40,7 +40,7 @@ class Crew(NamedTuple):
     what: np.ndarray  # int64[3], what it is, and its range
     numbers: np.ndarray  # float64[6], what it needs to know, such as the length of the substep (s)
     found: np.ndarray  # int64[size * LINE], what each has found: points that hit, rows, pairs
-    deepest: np.ndarray  # float64[size * LINE], m, overlap, likewise
+    deepest: np.ndarray  # float64[size * LINE], likewise: overlap (m), or squares of speeds
 
 
 def empty_crew(size: int) -> Crew:

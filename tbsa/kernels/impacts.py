@@ -486,7 +486,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     hits.
 
     Its tiles fly on to where they then are, unless neither comes anywhere by then.  One that is
-    pressed against another stays: straight on it would leave it, or sink in.
+    pressed against what does not move stays: straight on it would leave it, or sink in.
     """
     r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
     at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
