@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 import tbsa
+from figures._data import CAMPAIGN, DRIVES, Missing
+from paper_runs.tables import load
 from tbsa.model.records import Records
 from tbsa.work.draw import MARKS
 from tbsa.work.metrics import Assembly
+
+# A table, and of each drive a run with some of its records.
+KEPT = (CAMPAIGN / "table.csv", *(CAMPAIGN / "runs" / group for group in DRIVES))
 
 
 def show(ax: Axes, run: Records, k: int) -> tuple[Assembly, set[str]]:
@@ -34,3 +40,17 @@ def name_marks(fig: Figure, marked: Iterable[str]) -> None:
             Line2D([], [], linestyle="", marker=MARKS[name][1], color=MARKS[name][0],
                    markerfacecolor="none", markersize=4, label=name) for name in names],
             loc="outside lower center", ncols=3)
+
+def first_run(folder: Path, group: str) -> Path:
+    """The first run of a group whose records are kept.
+
+    Raises
+    ------
+    Missing
+        Where none is.
+    """
+    table = load(folder)
+    for run in table[table["group"] == group]["run"]:
+        if (folder / "runs" / run / "records.npy").exists():
+            return folder / "runs" / run
+    raise Missing(f"records: no run of {group} is kept in {folder}")

@@ -16,6 +16,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import tbsa
+from figures._data import DRIVES
+from figures._records import KEPT, first_run
 from figures.style import BLUE, GREY, ORANGE, figure
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import EDGE_ANGLE, floor_limits
@@ -24,9 +26,8 @@ from theory.magnets import Law
 from theory.stability import Loads, Margin, Numbers, margin, recorded, shaking, unicycle
 from theory.statics import Tiles
 
-RUNS = Path(__file__).parents[1] / "runs"
-DATA: tuple[Path, ...] = (RUNS / "shaking-1", RUNS / "self_stabilizing-1")
-RECORDS = 40  # of a run, evenly in time; a margin of 300 tiles takes seconds
+DATA = KEPT
+RECORDS = 37  # of a run, evenly in time; a margin of 300 tiles takes seconds
 # Margins beyond are drawn there, hollow: those without bound, and the 0 of what cannot rest.
 BOTTOM, TOP = 0.1, 30.0
 
@@ -97,8 +98,12 @@ def margins(folder: str | Path, records: int = RECORDS) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["time", "size", "tiles", "no_torque", "body", "net"])
 
 
-def make(folders: Sequence[str | Path] = DATA) -> Figure:
-    """Margin against size, a panel for each run; hollow marks are off the scale."""
+def make(folders: Sequence[str | Path] = ()) -> Figure:
+    """Margin against size, a panel for each run, or for the kept one of each drive.
+
+    Hollow marks are off the scale.
+    """
+    folders = folders or [first_run(DATA[0].parent, group) for group in reversed(DRIVES)]
     fig = figure(2.6, 1.0 + 2.6 * len(folders))
     panels = fig.subplots(1, len(folders), sharey=True, squeeze=False)[0]
     for ax, folder in zip(panels, folders, strict=True):

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 
 import tbsa
-from figures._data import CAMPAIGN, DRIVES, Missing
-from figures._records import name_marks, show
+from figures._data import DRIVES
+from figures._records import KEPT, first_run, name_marks, show
 from figures.style import figure
-from paper_runs.tables import load
 
-DATA = (CAMPAIGN / "table.csv", *(CAMPAIGN / "runs" / group for group in DRIVES))
+DATA = KEPT
 ROWS = 4  # times, evenly spaced; the last is the end of the run
 
 
@@ -34,18 +31,3 @@ def make() -> Figure:
         axes[0, column].set_title(f"{label}\n{axes[0, column].get_title()}", fontsize=7, pad=2)
     name_marks(fig, marked)
     return fig
-
-
-def first_run(folder: Path, group: str) -> Path:
-    """The first run of a group whose records are kept.
-
-    Raises
-    ------
-    Missing
-        Where none is.
-    """
-    table = load(folder)
-    for run in table[table["group"] == group]["run"]:
-        if (folder / "runs" / run / "records.npy").exists():
-            return folder / "runs" / run
-    raise Missing(f"records: no run of {group} is kept in {folder}")

@@ -219,7 +219,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help="where the small data go (default: paper_runs/data/NAME)")
     parser.add_argument("--group", action="append", default=[],
                         help="also some records of this group's first run")
-    parser.add_argument("--records", type=int, default=13, help="how many (default: 13)")
+    parser.add_argument("--records", type=int, default=37, help="how many (default: 37)")
     arguments = parser.parse_args(argv)
     target = arguments.target or DATA / arguments.source.resolve().name
     try:

@@ -30,6 +30,7 @@ from figures import (
     elsewhere,
     growth,
     maps,
+    margin,
     reactor,
     snapshots,
     style,
@@ -38,6 +39,7 @@ from figures import (
     two_families,
 )
 from figures.__main__ import SCRIPTS, main
+from figures._records import first_run
 from paper_runs.keep import main as keep
 from tbsa.model.tiles import ground_truth, strength
 from theory.scaling import net_glue_force
@@ -166,7 +168,7 @@ def test_snapshots_show_both_drives_from_begin_to_end(there, data):
         axes = snapshots.make().axes
     titles = [ax.get_title().splitlines()[-1] for ax in axes]
     for column, group in enumerate(("self-stabilizing", "shaking")):
-        run = tbsa.read_run(snapshots.first_run(data, group))
+        run = tbsa.read_run(first_run(data, group))
         assert run.scene.run.seed == 4  # the first of the group in the campaign's order
         for row in (0, 3):
             k = -1 if row else 0
@@ -174,9 +176,18 @@ def test_snapshots_show_both_drives_from_begin_to_end(there, data):
             assert titles[2 * row + column] == f"{run.time[k]:g} s: {size} tiles"
 
 
+def test_margins_are_those_of_the_run_of_each_drive_that_is_kept(there, data, monkeypatch):
+    monkeypatch.setattr(margin, "DATA", snapshots.DATA)
+    monkeypatch.setattr(margin, "margins", lambda folder: drawn.append(folder) or found)
+    drawn, found = [], pd.DataFrame({"size": [3], "tiles": [1.0], "no_torque": [1.0],
+                                     "body": [2.0]})
+    assert len(margin.make().axes) == 2
+    assert drawn == [first_run(data, group) for group in ("shaking", "self-stabilizing")]
+
+
 def test_snapshots_need_a_run_that_was_kept(data):
     with pytest.raises(FileNotFoundError, match="no run of map-shaking is kept"):
-        snapshots.first_run(data, "map-shaking")
+        first_run(data, "map-shaking")
 
 
 def test_of_one_drive_there_are_no_snapshots_and_that_is_said(there, tmp_path, capsys, monkeypatch):
