@@ -176,6 +176,15 @@ def test_bench_itself_refuses_a_bad_horizon():
         bench(driven(), horizon=math.nan)
 
 
+@pytest.mark.parametrize(("name", "solver"), [
+    ("step", Solver(step=2e-9)), ("tolerance", Solver(tolerance=1e-323))])
+def test_what_nothing_is_finer_than_is_told_of_the_scenes_own_value(name, solver):
+    times = Record(2e-9, 2e-9) if name == "step" else Record()
+    tiny = replace(driven(), solver=solver, record=times)
+    with pytest.raises(InputError, match=rf"^solver.{name}: {getattr(solver, name)} is too small"):
+        bench(tiny, after=0.0, horizon=4e-9 if name == "step" else 0.125)
+
+
 # Tables.
 
 

@@ -34,7 +34,6 @@ from tbsa.work.campaign import campaign
 from tbsa.work.plan import read_plan
 
 FILES = [path for path in sorted(HERE.glob("*.toml")) if "[[group]]" in path.read_text()]
-UNDIRECTED = {"family-random", "families", "families-oriented"}  # two types with the same glues
 
 
 # ---------------------------------------------------------------------------------------------
@@ -61,7 +60,7 @@ def test_every_scene_of_a_campaign_is_valid_and_its_pattern_is_the_only_one(path
         layout = initial_layout(each.scene)
         truth = ground_truth(each.scene)
         assert layout.x.size == each.tiles
-        assert truth.directed == (each.group not in UNDIRECTED)
+        assert truth.directed
         assert len(truth.types) - len(truth.seed) >= 64  # sites
 
 

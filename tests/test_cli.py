@@ -374,6 +374,22 @@ def test_check_judges_force_and_torque_together_where_the_floor_has_one_bound(
     assert out.count("a lone tile at rest") == 1
 
 
+@pytest.mark.parametrize(("drive", "why"), [
+    ("frequency = 0.0", "the drive moves nothing: its frequency is 0"),
+    ("frequency = 0.1", "the drive moves nothing: no free tile has a family")])
+def test_check_says_of_a_unicycle_that_it_moves_nothing(here, capsys, drive, why):
+    kinds = "".join(f'[[tiles.type]]\nname = "{name}"\nglues = {glues}\ncolour = "{name}"\n'
+                    f"family = {family}\n" for name, glues, family in (
+                        ("black", [1, 2, 1, 2], int("0.0" in drive)),
+                        ("white", [-1, -2, -1, -2], 0)))
+    start, end = SCENE.index("[drive]"), SCENE.index("[floor]")
+    scene = (f'{SCENE[:start]}[drive]\nkind = "unicycle"\nforce = 0.1\ntorque = 0.001\n'
+             f"{drive}\n{SCENE[end:]}").replace('[tiles]\nset = "chessboard"\n', kinds)
+    out = checked(capsys, scene)
+    assert why in out
+    assert "a lone tile at rest" not in out
+
+
 def test_check_of_a_set_without_traps(here, capsys):
     out = checked(capsys, SCENE)
     assert "directed at temperature 2: the seed grows by " in out

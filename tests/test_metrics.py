@@ -231,6 +231,16 @@ def test_a_tile_set_that_is_not_directed_counts_mismatches_instead():
     # The stranger is bonded to its west and clashes with the seed below and the tile above.
     assert found.erroneous.tolist() == [False] * 7 + [False, True, False, True]
     assert found.errors == found.row()["mismatched"] == 2
+    assert np.isnan([found.row()["wrong_colour"], found.row()["outside"]]).all()
+
+
+def test_two_families_of_one_colour_have_one_ground_truth():
+    stranger = TileType("stranger", (5, 6, 7, -2), "red")
+    tiles = [at(1, 1, "stranger"), at(1, 2), at(0, 3)]
+    back = replace(CHESS[1], name="back", family=-1)
+    one, two = (row(measure(scene_of(tiles, types))) for types in (
+        (*CHESS, stranger), (*CHESS, stranger, back)))
+    assert one == two
 
 
 def test_without_magnets_nothing_is_bonded_whatever_the_glues():

@@ -698,6 +698,18 @@ def test_a_layout_that_does_not_fit_is_refused(name, change, words):
         Simulation(scene, wrong)
 
 
+@pytest.mark.parametrize(("place", "words"), [
+    ((5.0, 0.0), r"\(5.0, 0.0\) of tile 30 must lie inside the reactor"),
+    (None, r"of tiles 29 and 30 are all but one: they overlap by more than 0.75 widths")])
+def test_a_layout_with_a_tile_where_none_can_be_is_refused(place, words):
+    scene = tbsa.parse(SCENE)
+    layout = Simulation(scene).layout
+    x, y = layout.x.copy(), layout.y.copy()
+    x[30], y[30] = place or (x[29] + 1e-3, y[29])
+    with pytest.raises(InputError, match=rf"^layout\.x, layout\.y: .*{words}"):
+        Simulation(scene, replace(layout, x=x, y=y))
+
+
 def test_a_thread_that_does_not_start_is_told_of(monkeypatch):
     s = Simulation(tbsa.parse(SCENE), threads=2)
 

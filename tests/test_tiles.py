@@ -125,14 +125,14 @@ def test_the_sites_are_those_of_the_seeds_turned_lattice():
     assert set(ground_truth(scene).types) == grown
 
 
-def test_without_a_reactor_growth_ends_a_little_beyond_the_seed():
+def test_without_a_reactor_growth_ends_where_a_chain_of_all_tiles_would():
     column = tile("column", 1, 0, -1, 0)
     scene = parse({"tiles": {"type": [{"name": "column", "glues": list(column.glues),
                                        "colour": "red"}]},
                    "temperature": 1,
                    "seed": {"shape": "cells", "cells": [[0, 0, "column"]]},
                    "free": {"tile": [{"type": "column", "position": [1, k]} for k in range(3)]}})
-    assert set(ground_truth(scene).types) == {(0, row) for row in range(-2, 3)}
+    assert set(ground_truth(scene).types) == {(0, row) for row in range(-3, 4)}  # three free tiles
 
 
 def test_without_a_seed_nothing_grows():
@@ -166,7 +166,7 @@ def test_the_exclusive_or_set_grows_pascals_triangle_modulo_two_and_is_directed(
     assert growth.directed
 
 
-def test_two_types_with_the_same_glues_are_not_directed():
+def test_two_types_with_the_same_glues_and_another_colour_are_not_directed():
     grey = replace(CHESSBOARD[0], name="grey", colour="grey")
     growth = grow((*CHESSBOARD, grey), [(0, 0, "black"), (1, 0, "white"), (0, 1, "white")],
                   {(1, 1)})
@@ -234,6 +234,29 @@ def test_directed_means_that_every_order_of_attachments_ends_alike(sets, tempera
         assert len(growth.conflict.types) >= 2
 
 
+def test_types_that_differ_in_family_or_forward_edge_alone_are_one_pattern():
+    back = replace(CHESSBOARD[0], name="back", family=-1, forward="S")
+    seed = [(0, 0, "black"), (1, 0, "white"), (0, 1, "white")]
+    growth = grow((*CHESSBOARD, back), seed, {(1, 1)})
+    assert growth.directed
+    assert growth.types[1, 1] == 0
+    wrong = check((*CHESSBOARD, back), growth)
+    assert [(trap.wanted, trap.offered) for trap in wrong] == [
+        (trap.wanted, trap.offered) for trap in check(CHESSBOARD, growth)]
+
+
+def test_tiles_that_compute_grow_in_a_moment_and_are_known_to_be_directed():
+    """Nearly every site could take another type, if its neighbours could be there without it."""
+    n = 60
+    seed = ([(0, 0, "corner")] + [(k, 0, "east") for k in range(1, n + 1)]
+            + [(0, k, "north") for k in range(1, n + 1)])
+    start = time.perf_counter()
+    growth = grow(xor_set(), seed, set(product(range(n + 1), repeat=2)))
+    assert time.perf_counter() - start < 5.0  # a growth for each site takes 18 s
+    assert len(growth.types) == (n + 1) ** 2
+    assert growth.directed
+
+
 def test_a_hundred_by_a_hundred_sites_grow_in_a_moment():
     seed = [(k, 0, CHESSBOARD[k % 2].name) for k in range(100)]
     seed += [(0, k, CHESSBOARD[k % 2].name) for k in range(1, 100)]
@@ -271,7 +294,7 @@ def test_a_wrong_type_at_two_adjacent_edges_comes_first_in_the_list():
 
 
 def test_a_type_that_can_stand_in_for_another_matches_at_all_four():
-    grey = replace(CHESSBOARD[0], name="grey")
+    grey = replace(CHESSBOARD[0], name="grey", colour="grey")
     growth = grow(CHESSBOARD, PAPER.seed.cells, everywhere)
     found = check((*CHESSBOARD, grey), growth)
     assert (found[0].wanted, found[0].offered, found[0].matches, found[0].arrangement) == (

@@ -71,6 +71,39 @@ def check(layout: Layout, scene: Scene) -> None:
                          field="layout.type", value=layout.type[wrong][0])
 
 
+DEEPEST = 0.75
+"""Overlap of two tiles (widths) beyond which it is no longer told on which side of each other they
+are: a solver that moves them apart takes any."""
+
+
+def check_start(layout: Layout, scene: Scene) -> None:
+    """That a layout is one to begin with, be it with overlaps.
+
+    A centre beyond the wall, or a tile in the place of another, is a mistake.
+
+    Raises
+    ------
+    InputError
+        See :func:`check`; or a tile is where none can be.
+    """
+    check(layout, scene)
+    x, y, angle = layout.x, layout.y, layout.angle
+    out = ~inside(scene.reactor, 0.0, x, y, angle)
+    if out.any():
+        k = int(np.flatnonzero(out)[0])
+        raise InputError(f"of tile {k} must lie inside the reactor", field="layout.x, layout.y",
+                         value=(float(x[k]), float(y[k])))
+    width = scene.material.width
+    i, j = near(x, y, x, y, width)
+    i, j = i[i < j], j[i < j]
+    deep = depth(width, x[j] - x[i], y[j] - y[i], angle[i], angle[j]) > DEEPEST * width
+    if deep.any():
+        k = int(np.flatnonzero(deep)[0])
+        raise InputError(f"of tiles {i[k]} and {j[k]} are all but one: they overlap by more than "
+                         f"{DEEPEST:g} widths", field="layout.x, layout.y",
+                         value=(float(x[i[k]]), float(y[i[k]])))
+
+
 def stream(seed: int, name: str) -> np.random.Generator:
     """Random numbers of their own for each name, so that no use of them shifts another's."""
     key = np.frombuffer(hashlib.sha256(name.encode()).digest(), "<u4")

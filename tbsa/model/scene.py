@@ -488,7 +488,8 @@ def _check_part(scene: Scene, path: str, part: Any) -> None:
     for f in fields(cls):
         value = getattr(part, f.name)
         if f.name not in own:
-            if value != f.default:
+            plain = value is None or isinstance(value, (bool, int, float, str, tuple))
+            if not plain or value != f.default:  # of arrays that is no truth value
                 _fail(scene, f"{path}.{f.name}", value,
                       f'does not belong to {KINDS[cls][0]} "{kind}"; leave it out')
         elif message := RULES[cls][f.name](value):
@@ -675,6 +676,7 @@ def _check_places(scene: Scene) -> None:
 
 
 MOST_SITES = 10_000_000  # that a ground truth may have to grow on
+LONGEST = 256  # sites, of a chain of tiles that leads away from its seed
 
 
 def growth_box(seed: Seed, margin: int) -> tuple[int, int, int, int]:
@@ -684,8 +686,12 @@ def growth_box(seed: Seed, margin: int) -> tuple[int, int, int, int]:
 
 
 def growth_margin(scene: Scene) -> int:
-    """How far beyond its seed a pattern without a reactor may grow, in sites."""
-    return math.ceil(math.sqrt(tile_count(scene)))
+    """How far beyond its seed a pattern without a reactor may grow, in sites.
+
+    As far as a chain of all tiles, up to `LONGEST`; not at all where tiles need two neighbours.
+    """
+    seed = len(scene.seed.cells) if scene.seed else 0
+    return min(tile_count(scene) - seed, LONGEST) if scene.temperature == 1 else 0
 
 
 def _check_growth(scene: Scene) -> None:
@@ -693,8 +699,7 @@ def _check_growth(scene: Scene) -> None:
     seed, reactor, single = scene.seed, scene.reactor, scene.temperature == 1
     if seed is None:
         return
-    # Tiles that need two neighbours never join outside the box of the seed.
-    left, right, low, high = growth_box(seed, growth_margin(scene) if single else 0)
+    left, right, low, high = growth_box(seed, growth_margin(scene))
     sites = float((right - left + 1) * (high - low + 1))
     if reactor is not None:
         area = (math.pi * reactor.radius**2 if reactor.shape == "circle"

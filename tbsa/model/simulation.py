@@ -33,7 +33,7 @@ from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.projection import SLOP
 from tbsa.kernels.rows import empty_impulses, empty_rows
-from tbsa.model.layout import Layout, check, initial_layout
+from tbsa.model.layout import Layout, check_start, initial_layout
 from tbsa.model.scene import Scene, check_is_scene, engine_path
 from tbsa.model.squares import depth, inside, near
 
@@ -138,6 +138,9 @@ class Simulation:
     -----
     The same scene gives the same bits on one CPU type and set of package versions, however the
     run is cut into calls.
+
+    Places and velocities are views, to be read.  To go on from others make another simulation,
+    with another layout: what flies at something near is then seen in time, and what is held stays.
     """
 
     def __init__(self, scene: Scene, layout: Layout | None = None, *, threads: int = 1) -> None:
@@ -152,7 +155,7 @@ class Simulation:
         self._threads = 1 if config.DISABLE_JIT else number  # interpreted ones go by turns
         self.scene = scene
         if layout is not None:
-            check(layout, scene)
+            check_start(layout, scene)
         self.layout = layout = initial_layout(scene) if layout is None else layout
         n = layout.x.size
         body, magnet, wall = scene.material, scene.magnet, scene.reactor

@@ -55,7 +55,7 @@ def symmetry(tile_type: TileType) -> int:
 
 @dataclass(frozen=True)
 class Conflict:
-    """A site at which tiles of more than one type can come to sit."""
+    """A site at which tiles of more than one type, in glues or colour, can come to sit."""
 
     site: Site
     types: tuple[int, ...]
@@ -119,13 +119,14 @@ def grow(
 
     Notes
     -----
-    The assembly is *directed* when no site can ever be taken by two types.  That is decided
-    exactly: let A be the assembly found.  If another order of attachments can end differently,
-    look at its first tile that A does not have: it joins at a site s of A, with a type B other
-    than A's, next to tiles of A that were placed without s.  So A is directed unless some B
-    with enough matching glues at some s in A also has enough of them in what A grows to when s
-    stays empty.  The first half is one pass over A; only the sites that it leaves in doubt
-    (none in a chessboard) need the second, a growth each.
+    Types of equal glues and colour are one here, as their patterns are.  The assembly is *directed*
+    when no site can ever be taken by two types.  That is decided exactly: let A be the assembly
+    found.  If another order of attachments can end differently, look at its first tile that A does
+    not have: it joins at a site s of A, with a type B other than A's, next to tiles of A that were
+    placed without s.  So A is directed unless some B with enough matching glues at some s in A also
+    has enough of them among the tiles that can be there without s.  The first half is one pass over
+    A; the sites that it leaves in doubt (none in a chessboard, nearly all where tiles compute) need
+    the second, :func:`_needed`.
     """
     index = {tile_type.name: i for i, tile_type in enumerate(types)}
     seed = {(column, row): index[name] for column, row, name in seed_cells}
@@ -138,27 +139,64 @@ def grow(
                      if strength(types, sites, site, i) >= temperature), None)
 
     sites = _closure(seed, first_that_binds)
+    pattern = [(each.glues, each.colour) for each in types]
+    rivals = {}
     for site, placed in sites.items():
-        if site in seed:
-            continue
-        rivals = [i for i in range(len(types))
-                  if i != placed and strength(types, sites, site, i) >= temperature]
-        if not rivals:
-            continue
-
-        def same_again(
-            other: Site, grown: Mapping[Site, int], left_out: Site = site
-        ) -> int | None:
-            i = sites.get(other)
-            if i is None or other == left_out:
-                return None
-            return i if strength(types, grown, other, i) >= temperature else None
-
-        without = _closure(seed, same_again)
-        rivals = [i for i in rivals if strength(types, without, site, i) >= temperature]
-        if rivals:
-            return Growth(sites, Conflict(site, tuple(sorted([placed, *rivals]))), frozenset(seed))
+        if site not in seed and (able := [
+                i for i in range(len(types)) if pattern[i] != pattern[placed]
+                and strength(types, sites, site, i) >= temperature]):
+            rivals[site] = able
+    doubtful = list(rivals)
+    for k in range(0, len(doubtful), AT_ONCE):
+        needed = _needed(types, sites, seed, temperature, doubtful[k : k + AT_ONCE])
+        for bit, site in enumerate(doubtful[k : k + AT_ONCE]):
+            there = {other: sites[other] for _, other in _neighbours(site)
+                     if other in sites and not needed[other] >> bit & 1}
+            if able := [i for i in rivals[site] if strength(types, there, site, i) >= temperature]:
+                return Growth(sites, Conflict(site, tuple(sorted([sites[site], *able]))),
+                              frozenset(seed))
     return Growth(sites, None, frozenset(seed))
+
+
+AT_ONCE = 4096  # sites in doubt that are asked for together, a bit each
+
+
+def _needed(types: Sequence[TileType], sites: Mapping[Site, int], seed: Container[Site],
+            temperature: int, doubtful: Sequence[Site]) -> dict[Site, int]:
+    """For each site of an assembly which of the doubtful ones it cannot do without, as bits.
+
+    A site needs itself, and what so many of the neighbours that it matches need that too few are
+    left; the largest solution, found from above, is what no order of attachments avoids (as the
+    dominators of a flow graph are).
+    """
+    bits = {site: 1 << bit for bit, site in enumerate(doubtful)}
+    matched = {site: [other for edge, other in _neighbours(site) if other in sites and attracts(
+        types[placed].glues[edge], types[sites[other]].glues[(edge + 2) % 4])]
+        for site, placed in sites.items()}
+    everything = (1 << len(doubtful)) - 1
+    needed = {site: 0 if site in seed else everything for site in sites}
+    queue = deque(site for site in sites if site not in seed)
+    queued = set(queue)
+    while queue:
+        site = queue.popleft()
+        queued.discard(site)
+        found = bits.get(site, 0) | _in_at_least(
+            len(matched[site]) - temperature + 1, [needed[other] for other in matched[site]])
+        if found != needed[site]:
+            needed[site] = found
+            new = [other for other in matched[site] if other not in seed and other not in queued]
+            queue.extend(new)
+            queued.update(new)
+    return needed
+
+
+def _in_at_least(number: int, sets: Iterable[int]) -> int:
+    """The bits that at least so many (1 or more) of some sets have."""
+    counted = [-1] + [0] * number
+    for each in sets:
+        for k in range(number, 0, -1):
+            counted[k] |= counted[k - 1] & each
+    return counted[number]
 
 
 def _neighbours(site: Site) -> Iterator[tuple[int, Site]]:
@@ -188,8 +226,9 @@ def ground_truth(scene: Scene) -> Growth:
     """What the scene's seed should grow to: abstract growth inside the reactor.
 
     A site counts when the whole tile is inside.  Without a reactor growth is confined to the
-    seed's bounding box extended on every side by ceil(sqrt(number of tiles)).  Without a seed
-    nothing grows.  Tiles that are held beside the seed are not part of the growth.
+    seed's bounding box, at temperature 1 extended on every side by the number of tiles beside the
+    seed (256 at most).  Without a seed nothing grows.  Tiles that are held beside the seed are not
+    part of the growth.
     """
     seed, width = scene.seed, scene.material.width
     if seed is None:
@@ -222,8 +261,8 @@ def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
     """The traps of a tile set: wrong tiles that bind by at least one glue where it grows.
 
     At each site that grew and has at least two neighbours, each type is offered in each of its
-    orientations, except the right type when it shows the right glues.  Equal findings are one
-    row; the most dangerous (most matches, fewest mismatches) come first.
+    orientations, except those that show the right glues and colour.  Equal findings are one row;
+    the most dangerous (most matches, fewest mismatches) come first.
     """
     found: Counter[tuple[str, str, int, int, str, int]] = Counter()
     for site, placed in growth.types.items():
@@ -236,7 +275,7 @@ def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
             for turns in range(symmetry(offered)):
                 glues = rotated(offered.glues, turns)
                 edges = [edge for edge, glue in facing if attracts(glues[edge], glue)]
-                if not edges or (glues == wanted.glues and offered == wanted):
+                if not edges or (glues, offered.colour) == (wanted.glues, wanted.colour):
                     continue
                 repelled = sum(glues[edge] != 0 and glue != 0 for edge, glue in facing)
                 found[wanted.name, offered.name, turns, len(edges), _arrangement(edges),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
-from tbsa.model.scene import Scene, Solver, entries
+from tbsa.model.scene import SHORTEST, Scene, Solver, entries
 from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.model.squares import depth, near
 from tbsa.work.report import aligned
@@ -106,6 +106,11 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     finest = replace(scene.solver, step=min(steps) / FINEST,
                      tolerance=0.01 * scene.solver.tolerance,
                      passes=min(100 * scene.solver.passes, 100_000))
+    if not _takes(scene, finest):
+        name = "step" if finest.step < SHORTEST else "tolerance"
+        raise InputError("is too small to be compared with a finer one, of "
+                         f"{getattr(finest, name):g}", file=scene.file or None,
+                         field=f"solver.{name}", value=getattr(scene.solver, name))
     total = len(settings) + 1
     truth, _, _ = _run(scene, finest, start, begun, horizon, 1)
     free, size = ~start.held, scene.material.width

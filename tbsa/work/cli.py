@@ -456,10 +456,10 @@ def _draw(arguments: argparse.Namespace) -> int:
     records = read_run(arguments.run)
     k = records.at(float(records.time[-1]) if arguments.time is None else arguments.time)
     time = float(records.time[k])
-    out = arguments.out or arguments.run / f"t{time:g}.png"
+    out = arguments.out or arguments.run / f"t{time:.15g}.png"
     draw(records.scene, records.layout, records.x[k], records.y[k], records.angle[k], path=out,
          time=time, glues=arguments.glues)
-    print(f"t = {time:g} s, written to {out}")
+    print(f"t = {time:.15g} s, written to {out}")
     return 0
 
 

@@ -14,7 +14,7 @@ An *error* is an attached tile whose colour disagrees with the ground truth at i
 Wrongly turned tiles, tiles off the lattice and tiles at a site that the ground truth leaves
 empty are counted beside the errors, not among them.  A tile set that is not directed has no
 one ground truth; its errors are the attached tiles with a magnet that faces one of the assembly
-and does not attract it.
+and does not attract it, and what only a ground truth could tell is not a number.
 
 Percentages of errors and of holes relate to ``size``, the attached tiles without the seed: the
 seed is given, so it can neither grow nor err, and the paper's sizes leave it out.
@@ -127,6 +127,10 @@ class Assembly:
         """A count in per cent of `size`; not a number while nothing is attached."""
         return 100.0 * count / self.size if self.size else float("nan")
 
+    def _by_truth(self, which: Mask) -> float:
+        """How many tiles; not a number where there is no one ground truth to tell."""
+        return int(which.sum()) if self.directed else float("nan")
+
     def row(self) -> dict[str, float]:
         """The row of :func:`table`, without the time."""
         member = self.attached | self.seed
@@ -137,10 +141,10 @@ class Assembly:
             "errors_percent": self.percent(self.errors),
             "holes": self.holes,
             "holes_percent": self.percent(self.holes),
-            "wrong_colour": int(self.wrong_colour.sum()),
+            "wrong_colour": self._by_truth(self.wrong_colour),
             "wrongly_turned": int(self.wrongly_turned.sum()),
             "off_lattice": int(self.off_lattice.sum()),
-            "outside": int(self.outside.sum()),
+            "outside": self._by_truth(self.outside),
             "mismatched": int(self.mismatched.sum()),
             "size_contact": int(self.touching.sum()),
             "largest_free_cluster": self.largest_free_cluster,

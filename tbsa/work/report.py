@@ -63,7 +63,7 @@ def describe(scene: Scene) -> str:
         ("reactor", _reactor(scene, layout)),
         ("magnets", _magnets(scene)),
         ("drive", _drive(scene.drive)),
-        ("floor", _floor(scene)),
+        ("floor", _floor(scene, layout)),
         ("solver", _solver(scene)),
         ("run", _run(scene)),
         ("pattern", _pattern(scene)),
@@ -225,7 +225,17 @@ def _drive(drive: Drive | None) -> list[str]:
     return [f"{drive.kind}, {drive.force:g} N{turn}, {drive.frequency:g} Hz"]
 
 
-def _floor(scene: Scene) -> list[str]:
+def _idle(drive: Drive, scene: Scene, layout: Layout) -> str:
+    """Why a drive moves nothing, if it does not; else no words."""
+    family = np.array([kind.family for kind in scene.types])[layout.type]
+    if drive.kind == "unicycle" and drive.frequency == 0.0:
+        return "the drive moves nothing: its frequency is 0, and it begins at 0"
+    if drive.kind == "unicycle" and not family[~layout.held].any():
+        return "the drive moves nothing: no free tile has a family"
+    return ""
+
+
+def _floor(scene: Scene, layout: Layout) -> list[str]:
     floor, drive = scene.floor, scene.drive
     if floor is None:
         return ["no friction"]
@@ -233,6 +243,8 @@ def _floor(scene: Scene) -> list[str]:
     lines = [f"{floor.law} friction, at most {limit:.4g} N and {torque:.4g} N m on a tile"]
     if drive is None or drive.kind == "user":
         return lines
+    if idle := _idle(drive, scene, layout):
+        return [*lines, idle]
     most = math.hypot(*drive.force) if isinstance(drive.force, tuple) else drive.force
     turning = abs(drive.torque)
     if floor.law != "separate" and min(most, turning, limit, torque) > 0.0:
