@@ -147,6 +147,14 @@ def test_run_ends_with_a_summary(here, capsys):
         "checkpoint.npz", "layout.npz", "records.npy", "run.json", "scene.toml"]
 
 
+@pytest.mark.parametrize(("share", "warned"), [(0.0009, False), (0.0011, True)])
+def test_the_summary_warns_where_tiles_were_deep_in_each_other(share, warned):
+    scene = tbsa.parse(SCENE)
+    s = simulation.Simulation(scene)
+    s.counts.overlap[:] = round(1e6 * (1.0 - share)), 0, 0, 0, round(1e6 * share)
+    assert ("tiles are deep in each other" in cli.summary(scene, s, 1.0)) == warned
+
+
 def test_the_summary_of_a_run_that_went_on_is_of_what_it_did(run, capsys):
     assert main(["run", "scene.toml", "--out", "run", "--resume", "--duration", "3.5",
                  "--quiet"]) == 0

@@ -359,6 +359,9 @@ def _cluster(address: str) -> Iterator[Executor]:
         client.close()
 
 
+SELDOM = 0.1  # per cent of the time, with an overlap beyond 2 % of the width
+
+
 def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.0) -> str:
     """A few lines on a run that has ended, and that has gone on from a time (s) for a wall time."""
     from tbsa.work.metrics import assembly, number_of
@@ -381,6 +384,9 @@ def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.
         f"{counts.passes[0] / substeps:.2f} passes, "
         f"{100 * counts.unconverged[0] / substeps:.2g} % of substeps at the limit of passes",
     ]
+    if shares[4] > SELDOM:
+        lines.append("warning: tiles are deep in each other; a shorter step, more substeps or more "
+                     "passes of [solver] follow this scene better (tbsa bench tells which)")
     return "\n".join(lines)
 
 
