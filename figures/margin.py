@@ -19,6 +19,7 @@ import tbsa
 from figures._data import DRIVES
 from figures._records import KEPT, first_run
 from figures.style import BLUE, GREY, ORANGE, figure
+from paper_runs.paper import SELF
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import EDGE_ANGLE, floor_limits
 from tbsa.model.tiles import ground_truth
@@ -123,7 +124,7 @@ def make(folders: Sequence[str | Path] = ()) -> Figure:
                 ax.plot(beyond["size"], beyond[column].clip(BOTTOM, TOP), **look,
                         markerfacecolor="white")
         ax.set(yscale="log", xlabel="attached tiles")
-        ax.set_title(drive, fontsize=8)
+        ax.set_title({"unicycle": SELF}.get(drive, drive), fontsize=8)
         ax.legend()
         ax.spines[["top", "right"]].set_visible(False)
     panels[0].set(ylabel="stability margin", ylim=(BOTTOM, TOP))

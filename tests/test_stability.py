@@ -380,7 +380,7 @@ def test_the_figure_has_a_panel_for_each_run(run):
     folders = [run(Drive("shaking", force=0.01, frequency=0.33)),
                run(Drive("unicycle", force=0.01, torque=1e-4, frequency=0.1))]
     panels = figure.make(folders).axes
-    assert [ax.get_title() for ax in panels] == ["shaking", "unicycle"]
+    assert [ax.get_title() for ax in panels] == ["shaking", "self-stabilizing"]
     assert [len(ax.get_legend().get_texts()) for ax in panels] == [2, 3]
 
 
