@@ -816,7 +816,7 @@ def test_merit_of_one_run_or_none_claims_nothing(tmp_path, seeds):
 
 def test_runs_that_are_too_short_reach_nothing(tmp_path):
     text = (HERE / "campaign.toml").read_text().replace(
-        "set = {", 'set = {"run.duration" = 600.0, ')
+        "[[group]]", 'set = {"run.duration" = 600.0}\n[[group]]', 1)
     assert "600.0" in text
     for name in ("self_stabilizing.toml", "shaking.toml"):
         shutil.copy(HERE / name, tmp_path / name)
