@@ -640,7 +640,8 @@ def test_magnet_forces_are_the_sum_over_all_pairs_of_magnets(name, n, cutoff, se
     chosen = scene([tile(0.1 * i, 0, kind=types[0].name) for i in range(n)], types=types,
                    magnet=Magnet(cutoff=cutoff, mismatch=mismatch))
     zero, no = np.zeros(n), np.zeros(n, bool)
-    s = Simulation(chosen, Layout(x, y, angle, zero, zero, zero, kind, no, no))
+    s = Simulation(chosen, Layout(0.1 * np.arange(n), zero, angle, zero, zero, zero, kind, no, no))
+    s.x[:], s.y[:] = x, y
     law = magnets.Law(cutoff=cutoff, switch=0.1, mismatch=mismatch)
     expected = np.array(all_magnet_forces(x, y, angle, [types[k].glues for k in kind], law,
                                           magnets.pair_force)).T
