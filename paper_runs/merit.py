@@ -50,7 +50,7 @@ HEAD = ("figure of merit", "paper", "stands for", "ours (95 %)", "runs", "reache
 RULES = f"""Intervals are over runs. Sizes and gains: Student's t; their differences, and that of
 errors over time: Welch's; the ratio of sizes: Fieller's. Errors and holes are means over runs of
 per cent of each run's size, by bootstrap over runs if most have any. If not, what a run has
-counts as one event of a compound Poisson process, as errors can come several at a time; runs without
+counts as one event of a compound Poisson process, as several errors can come at once; runs without
 any bound it by events of as many as there are together in our records (errors), or of one (holes).
 Such an interval of 95 % holds the truth in about 95 % if half a dozen runs have any, and in 75 to
 90 % if fewer have and some have far more than others; where no run ever has any there is none of
