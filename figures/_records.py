@@ -1,4 +1,4 @@
-"""Records of runs that are kept, as small pictures with a common legend."""
+"""Runs that are kept, and their records as small pictures with a common legend."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def name_marks(fig: Figure, marked: Iterable[str]) -> None:
             Line2D([], [], linestyle="", marker=MARKS[name][1], color=MARKS[name][0],
                    markerfacecolor="none", markersize=4, label=name) for name in names],
             loc="outside lower center", ncols=3)
+
 
 def first_run(folder: Path, group: str) -> Path:
     """The first run of a group whose records are kept.

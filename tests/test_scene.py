@@ -317,6 +317,8 @@ def test_a_scene_built_in_python_is_held_to_the_same_rules():
             (replace(scene, types=()), "tiles.type"),
             (replace(scene, drive=Drive("shaking", 0.1, torque=0.1, frequency=1.0)),
              "drive.torque"),
+            (replace(scene, drive=Drive("shaking", 0.1, frequency=1.0, parameters=np.ones(2))),
+             "drive.parameters"),
             (replace(scene, drive=Drive("constant", 0.1)), "drive.force"),
             (replace(scene, reactor=Reactor("circle", 0.6, width=1.0)), "reactor.width"),
             (replace(scene, floor=Floor("exact", angular=0.1)), "floor.angular"),

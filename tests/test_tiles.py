@@ -153,12 +153,15 @@ def xor_set():
             tile("corner", 9, 9, 0, 0)]
 
 
+def xor_seed(n):
+    return ([(0, 0, "corner")] + [(k, 0, "east") for k in range(1, n + 1)]
+            + [(0, k, "north") for k in range(1, n + 1)])
+
+
 def test_the_exclusive_or_set_grows_pascals_triangle_modulo_two_and_is_directed():
     n = 15
-    seed = ([(0, 0, "corner")] + [(k, 0, "east") for k in range(1, n + 1)]
-            + [(0, k, "north") for k in range(1, n + 1)])
     types = xor_set()
-    growth = grow(types, seed, set(product(range(n + 1), repeat=2)))
+    growth = grow(types, xor_seed(n), set(product(range(n + 1), repeat=2)))
     value = {(c, r): 1 for c, r in product(range(n + 1), repeat=2) if c * r == 0}
     for c, r in product(range(1, n + 1), repeat=2):
         value[c, r] = value[c - 1, r] ^ value[c, r - 1]
@@ -248,10 +251,8 @@ def test_types_that_differ_in_family_or_forward_edge_alone_are_one_pattern():
 def test_tiles_that_compute_grow_in_a_moment_and_are_known_to_be_directed():
     """Nearly every site could take another type, if its neighbours could be there without it."""
     n = 60
-    seed = ([(0, 0, "corner")] + [(k, 0, "east") for k in range(1, n + 1)]
-            + [(0, k, "north") for k in range(1, n + 1)])
     start = time.perf_counter()
-    growth = grow(xor_set(), seed, set(product(range(n + 1), repeat=2)))
+    growth = grow(xor_set(), xor_seed(n), set(product(range(n + 1), repeat=2)))
     assert time.perf_counter() - start < 5.0  # a growth for each site takes 18 s
     assert len(growth.types) == (n + 1) ** 2
     assert growth.directed

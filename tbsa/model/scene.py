@@ -488,8 +488,8 @@ def _check_part(scene: Scene, path: str, part: Any) -> None:
     for f in fields(cls):
         value = getattr(part, f.name)
         if f.name not in own:
-            plain = value is None or isinstance(value, (bool, int, float, str, tuple))
-            if not plain or value != f.default:  # of arrays that is no truth value
+            # Of an array the comparison is no truth value.
+            if isinstance(value, np.ndarray) or value != f.default:
                 _fail(scene, f"{path}.{f.name}", value,
                       f'does not belong to {KINDS[cls][0]} "{kind}"; leave it out')
         elif message := RULES[cls][f.name](value):
