@@ -75,7 +75,7 @@ def rows(folder: Path, drives: Drives) -> list[tuple[str, Figure, Estimate, str]
     """What is measured, what the paper reports, ours, and the unit."""
     found = []
     gains = {drive: growth(folder, table) for drive, table in drives.items()}
-    clump = together(np.concatenate([errors(folder, table) for table in drives.values()]))
+    clump = clumps(folder, drives)
     last = {drive: {"errors": percent(table["errors"], table["size"], clump),
                     "holes": percent(table["holes"], table["size"])}
             for drive, table in drives.items()}
@@ -139,6 +139,11 @@ def errors(folder: Path, table: pd.DataFrame) -> np.ndarray:
     if table.empty:
         return np.zeros(0)
     return records(folder, table, "errors")["errors"].to_numpy(dtype=float)
+
+
+def clumps(folder: Path, drives: Drives) -> float:
+    """How many errors come together, in the mean over those of all records of both drives."""
+    return together(np.concatenate([errors(folder, table) for table in drives.values()]))
 
 
 def over_time(folder: Path, table: pd.DataFrame) -> np.ndarray:
@@ -212,7 +217,10 @@ def report(folder: Path, plan: Path) -> str:
         (what, figure.text, _range(figure), f"{ours} {unit}".strip(), ours.n,
          "–" if short or foreign else figure.verdict(ours))
         for what, figure, ours, unit in rows(folder, drives)])]
-    return "\n".join([*lines, "", RULES, "", *_beside(folder, drives), *_walls(folder, drives), ""])
+    many = (f"In the records of both drives {clumps(folder, drives):.3g} errors are there at a "
+            "time, in the mean over all errors.")
+    return "\n".join([*lines, "", RULES, "", many, "", *_beside(folder, drives),
+                      *_walls(folder, drives), ""])
 
 
 def _range(figure: Figure) -> str:

@@ -7,8 +7,10 @@ writes to runs/quick and replaces what an earlier call left there.
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,8 +34,12 @@ def short(file: str) -> Scene:
     return scene
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run both drives; returns 0, or 130 after Ctrl-C."""
+    argparse.ArgumentParser(
+        prog="python -m paper_runs.quick",
+        description="The paper's comparison in short: 20 s of both drives, metrics, and a picture.",
+    ).parse_args(argv)
     tables, last = {}, {}
     for name, file in DRIVES.items():
         scene, folder = short(file), FOLDER / Path(file).stem

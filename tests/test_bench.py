@@ -73,6 +73,20 @@ def test_the_cheapest_that_is_exact_enough_is_recommended():
     assert "the least is 1e-05" in describe(trials, 1e-6)
 
 
+def test_of_what_costs_the_same_the_most_exact_is_recommended():
+    """Costs that differ by less than a tenth a clock does not tell apart."""
+    trials = [Trial(SETTING, 1e-3, 0.0, 1.0), Trial(SETTING, 1e-5, 0.0, 1.08),
+              Trial(SETTING, 1e-7, 0.0, 1.15), Trial(SETTING, 0.5, 0.0, 0.2)]
+    assert recommend(trials, 1e-2) is trials[1]
+    assert recommend(trials, 1e-6) is trials[2]
+    assert recommend(trials, 1.0) is trials[3]
+
+
+def test_tolerances_are_tried_as_one_would_write_them(trials):
+    for trial in trials:
+        assert trial.solver.tolerance == float(f"{trial.solver.tolerance:.12g}")
+
+
 def test_only_steps_that_the_scene_takes_are_tried():
     scene = replace(driven(), record=Record(3 / 480, 3 / 480))
     steps = {trial.solver.step for trial in bench(scene, after=0.25, horizon=0.01)}

@@ -739,7 +739,10 @@ def test_tiles_off_the_lattice_stand_as_a_bound_of_the_errors(tmp_path):
 
 def test_what_the_interval_of_rare_errors_assumes_is_said(tmp_path):
     tables(HERE / "campaign.toml", tmp_path, like_the_paper)
-    assert "compound Poisson process" in merit.report(tmp_path, HERE / "campaign.toml")
+    text = merit.report(tmp_path, HERE / "campaign.toml")
+    assert "compound Poisson process" in text
+    drives = dict(list(load(tmp_path).groupby("group")))
+    assert f"{merit.clumps(tmp_path, drives):.3g} errors are there at a time" in text
 
 
 @pytest.mark.parametrize("clump", [1, 4])

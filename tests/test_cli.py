@@ -1036,6 +1036,12 @@ def test_a_field_is_set_once(here, capsys):
         capsys, here, "run", "scene.toml", "--set", "drive.force=0.1", "--set", "drive.force=0.2")
 
 
+@pytest.mark.parametrize(("option", "value"), [("--duration", "5.0"), ("--seed", "7")])
+def test_what_an_option_gives_is_not_set_besides(option, value, here, capsys):
+    assert f"{option}: {value} must be left out where --set gives run.{option[2:]}" in refused(
+        capsys, here, "run", "scene.toml", option, value, "--set", f"run.{option[2:]} = 3")
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_fields_are_set_in_whatever_order_they_are_named(order, here):
     settings = ["tiles.type[0].family=0", "tiles.set=chessboard-oriented"][::order]

@@ -751,6 +751,13 @@ def test_the_command_prints_the_fit_and_writes_section_and_picture(here, capsys)
     assert max(map(len, out.splitlines())) < 120
 
 
+def test_how_far_the_fits_are_is_told(here):
+    shown = []
+    work.fit(read("good.csv"), "power", inset="1.5mm",
+             progress=lambda done, total: shown.append((done, total)))
+    assert shown == [(done, 5) for done in range(6)]  # four models, and the intervals of one
+
+
 def test_the_picture_shows_negative_forces(here, monkeypatch):
     figures = []
     monkeypatch.setattr(work, "Figure", lambda **how: figures.append(Figure(**how)) or figures[-1])

@@ -129,6 +129,18 @@ def test_a_cuboid_pushes_as_its_two_parts_do(a, b, apart, part, axis):
         -whole, abs=1e-9 + 1e-9 * np.linalg.norm(whole))  # action and reaction
 
 
+@given(st.tuples(lengths, lengths, lengths), st.integers(0, 2))
+@settings(deadline=None, max_examples=50)
+def test_equal_cuboids_push_as_ones_that_hardly_differ(size, axis):
+    """Where edges are equal, corners that lie in one place are taken as one."""
+    other = np.array(size)
+    other[axis] *= 1.0 + 1e-9
+    at = np.array([0.3, -0.2, 1.5]) * size
+    force = parallel_cuboids(at, size, size)
+    assert parallel_cuboids(at, size, other) == pytest.approx(
+        force, abs=1e-7 * np.linalg.norm(force))
+
+
 def test_a_cube_and_a_cylinder_of_one_area_pull_alike():
     side, radius = 0.01, 0.01 / math.sqrt(math.pi)
     cube = -parallel_cuboids([0, 0, 0.03], [side] * 3, [side] * 3)[2]

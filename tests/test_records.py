@@ -840,6 +840,14 @@ def test_a_drive_that_a_run_cannot_bear_is_refused_before_it_runs(tmp_path, line
         assert not (tmp_path / "run").exists()
 
 
+def test_a_drive_that_goes_back_to_python_is_told_so(tmp_path):
+    back = "numba.objmode():\n            print(t)\n"
+    for source in (f"import numba\n{DRIVE}    with {back}",
+                   f"import numba\n@numba.njit\ndef show(t):\n    with {back}{DRIVE}    show(t)\n"):
+        with pytest.raises(InputError, match=r"drive.function: .* must not go back to Python"):
+            Simulation(driven(tmp_path, source))
+
+
 def test_a_drive_may_use_whole_arrays_and_helpers_of_its_own(tmp_path):
     source = ("import numpy as np\nfrom numba import njit\n@njit\ndef add(a, b):\n"
               "    a += b\n" + DRIVE + "    add(fx, p[0] * np.sin(x))\n")

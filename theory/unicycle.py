@@ -11,7 +11,9 @@ gets the heading of a driven tile, and not its path.
 
 from __future__ import annotations
 
+import argparse
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -218,8 +220,10 @@ def _scale(unit: Reals, found: Reals) -> tuple[float, float]:
     return factor, float(left @ left) / whole if whole else 0.0
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Print how far the tile is a unicycle, at 0.075 N, three torques, and the paper's values."""
+    argparse.ArgumentParser(prog="python -m theory.unicycle",
+                            description=main.__doc__).parse_args(argv)
     times = np.linspace(0.0, 20.0, 401)
     print("T_mag (N m)  a (m/s)  omega (rad/s)  unexplained: heading    path  velocity along it")
     for torque in (3e-5, 1e-4, 3e-4):

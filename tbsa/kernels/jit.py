@@ -389,6 +389,8 @@ def callback(signature: Any, function: Callable[..., Any], guarded: Any) -> Any:
     code = compiled.inspect_llvm()
     if "PySys_FormatStdout" in code:
         raise TypeError("it must not print")
+    if "PyObject_Call" in code:
+        raise TypeError("it must not go back to Python, as with objmode")
     if re.search(r"@numba_\w*random", code):
         raise TypeError("it must not use random numbers: the same scene gives the same run")
     compiled._sig = signature  # to whoever calls it there is no difference

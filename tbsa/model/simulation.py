@@ -476,6 +476,8 @@ def _reason(error: Exception, path: Path) -> str:
                   "be jitted, with @numba.njit")
     elif re.match(r"No conversion from .* to none for '\$\w*return_value", reason):
         reason = "it must not return anything: it adds to fx, fy and torque"
+    elif reason == "must be builtin_function_or_method":  # Numba's word for it
+        reason = "it must not go back to Python, as with objmode"
     elif reason.endswith("for signature:"):
         calls = [line.removeprefix(">>> ") for line in lines if line.startswith(">>> ")]
         reason = f"Numba has no {', '.join(calls[:1])}"

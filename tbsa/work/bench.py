@@ -19,6 +19,7 @@ from tbsa.work.report import aligned
 SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the scene's step
 EFFORTS = ((10.0, 1), (1.0, 1), (0.1, 10))  # of the scene's tolerance, and of its passes
 REPEATS, SHORT = 5, 0.05  # of a trial that takes less than so long (s): the least time counts
+ALIKE = 1.1  # what costs no more than so many times as much costs the same
 STILL = 1e-9  # widths; what moves less is at rest
 FINEST = 8  # of the shortest step, for the run that the others are held against
 LOOKS = 32  # at the overlap, in a trial
@@ -99,7 +100,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     start, begun = _layout(first), first.time
 
     settings = [replace(scene.solver, step=step,
-                        tolerance=min(factor * scene.solver.tolerance, 1.0),
+                        tolerance=min(float(f"{factor * scene.solver.tolerance:.12g}"), 1.0),
                         passes=min(more * scene.solver.passes, 100_000))
                 for step in steps for factor, more in EFFORTS]
     settings = [each for each in dict.fromkeys(settings) if _takes(scene, each)]
@@ -136,9 +137,14 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
 
 
 def recommend(trials: Sequence[Trial], wanted: float) -> Trial | None:
-    """The cheapest trial with an error of at most `wanted` (widths); None if there is none."""
+    """The cheapest trial with an error of at most `wanted` (widths); None if there is none.
+
+    Of those that cost as much within a tenth, which a clock does not tell apart, the most exact.
+    """
     good = [trial for trial in trials if trial.error <= wanted]
-    return min(good, key=lambda trial: trial.cost, default=None)
+    least = min((trial.cost for trial in good), default=0.0)
+    return min((trial for trial in good if trial.cost <= ALIKE * least),
+               key=lambda trial: trial.error, default=None)
 
 
 def describe(trials: Sequence[Trial], wanted: float) -> str:

@@ -17,7 +17,7 @@ import shlex
 import stat
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -255,6 +255,12 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.settings:
         from tbsa.work.plan import changed
 
+        for name in ("seed", "duration"):
+            given = getattr(arguments, name)
+            if given is not None and any(text.partition("=")[0].strip() == f"run.{name}"
+                                         for text in arguments.settings):
+                raise InputError(f"must be left out where --set gives run.{name}",
+                                 field=f"--{name}", value=given)
         scene = of_run(changed(arguments.config, arguments.settings), arguments.seed,
                        arguments.duration)
     else:
@@ -390,6 +396,22 @@ def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.
     return "\n".join(lines)
 
 
+@contextlib.contextmanager
+def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar that goes away when it is done, and what moves it: how many are done, of how many.
+
+    Shown on a terminal only.
+    """
+    from tqdm import tqdm
+
+    with tqdm(total=1, desc=what, disable=None, leave=False) as bar:
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
 class Bar:
     """Progress: simulated time, times real time, size of the assembly.
 
@@ -470,18 +492,12 @@ def _draw(arguments: argparse.Namespace) -> int:
 
 
 def _movie(arguments: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from tbsa.model.records import read_run
     from tbsa.work.movie import movie
 
     records = read_run(arguments.run)
     out = arguments.out or arguments.run / "movie.gif"
-    with tqdm(total=1, desc="pictures", disable=None) as bar:
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with _progress("pictures") as show:
         movie(records, out, begin=arguments.begin, end=arguments.end, every=arguments.every,
               rate=arguments.rate, size=arguments.size, glues=arguments.glues, progress=show)
     print(f"written to {out}")
@@ -524,11 +540,13 @@ def _fit(arguments: argparse.Namespace) -> int:
     from tbsa.work import fit
     from tbsa.work.measurements import read
 
-    result = fit.fit(
-        read(arguments.csv), arguments.model, distance=arguments.distance,
-        inset=arguments.inset, within=arguments.range, fixed=arguments.fix,
-        bounds=arguments.bound, loss=arguments.loss, absolute=arguments.absolute,
-        unweighted=arguments.unweighted, method=arguments.interval)
+    measured = read(arguments.csv)
+    with _progress("fits") as show:
+        result = fit.fit(
+            measured, arguments.model, distance=arguments.distance, inset=arguments.inset,
+            within=arguments.range, fixed=arguments.fix, bounds=arguments.bound,
+            loss=arguments.loss, absolute=arguments.absolute, unweighted=arguments.unweighted,
+            method=arguments.interval, progress=show)
     folder = arguments.out or Path("fits") / f"{arguments.csv.stem}-{arguments.model}"
     if folder.exists() and not folder.is_dir():
         raise InputError("must be a folder", field="--out", value=str(folder))
@@ -569,8 +587,6 @@ def _fit(arguments: argparse.Namespace) -> int:
 
 
 def _bench(arguments: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from tbsa.model.scene import load
     from tbsa.work.bench import bench, describe
 
@@ -578,11 +594,7 @@ def _bench(arguments: argparse.Namespace) -> int:
     if not 0.0 < arguments.error < float("inf"):
         raise InputError("must be a positive number of widths", field="error",
                          value=arguments.error)
-    with tqdm(total=1, desc="trials", disable=None) as bar:
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with _progress("trials") as show:
         trials = bench(scene, horizon=arguments.horizon, after=arguments.after, progress=show)
     print(describe(trials, arguments.error))
     return 0

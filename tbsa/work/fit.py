@@ -9,7 +9,7 @@ import io
 import math
 import re
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -57,6 +57,7 @@ def fit(
     absolute: bool = False,
     unweighted: bool = False,
     method: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Result:
     """Fit a model to measurements, and the others for comparison.
 
@@ -84,6 +85,8 @@ def fit(
     method
         Of the intervals, as :func:`theory.fit.interval`; by default ``"profile"``, and
         ``"normal"`` for a robust loss.
+    progress
+        Called with the number of fits done and of all; the intervals count as one.
 
     Raises
     ------
@@ -130,22 +133,33 @@ def fit(
             bounds={name: value for name, value in limits.items() if name in each.names},
             loss=loss, absolute=absolute)
 
+    def note(done: int) -> None:
+        if progress is not None:
+            progress(done, len(made) + 1)
+
+    note(0)
     try:
         main = one(made[model])
     except ValueError as error:
         raise InputError(f"cannot be fitted: {error}", file=file, field="--model",
                          value=model) from None
+    note(1)
     method = method or ("profile" if loss == "linear" else "normal")
     try:
         intervals = fitting.intervals(main, method)
     except ValueError as error:
         raise InputError(f"cannot be had: {error}", field="--interval", value=method) from None
-    others: dict[str, Fit | str] = {}
+    note(2)
+    others: dict[str, Fit | str] = {model: main}
     for name, each in made.items():
+        if name == model:
+            continue
         try:
-            others[name] = main if name == model else one(each)
+            others[name] = one(each)
         except ValueError as error:
             others[name] = str(error)
+        note(1 + len(others))
+    others = {name: others[name] for name in made}
     return Result(measured, of, kind, depth, main, method, intervals, others)
 
 

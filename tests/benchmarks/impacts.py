@@ -12,8 +12,9 @@ tiles that are not attached.
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -97,8 +98,12 @@ def speeds(folder: str) -> str:
             "{:.3f}, 90 % {:.3f}, 99 % {:.3f}, largest {:.3f} m/s".format(*quantiles))
 
 
-def main(folders: list[str]) -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Print the table, and the speeds in runs."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.impacts",
+                                     description="Speeds that knock tiles off loaded assemblies.")
+    parser.add_argument("run", nargs="*", help="also print the speeds of tiles in these runs")
+    folders = parser.parse_args(argv).run
     law, mass = law_of(Magnet()), 0.016
     print(f"{'tiles':18}{'load/critical':>14}{'load (N)':>10}{'speed (m/s)':>13}{'energy':>9}",
           flush=True)
@@ -118,4 +123,4 @@ def main(folders: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -9,6 +9,7 @@ engines are held to the same truths.  Errors are relative, or in widths of a til
 
 from __future__ import annotations
 
+import argparse
 import cmath
 import math
 import shutil
@@ -682,9 +683,12 @@ def references() -> list[Reference]:
             creep(2.0)]
 
 
-def main(folder: str) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Write every reference scene as TOML."""
-    out = Path(folder)
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.scenes",
+                                     description="Write every reference scene as TOML.")
+    parser.add_argument("folder", type=Path, help="where to")
+    out = parser.parse_args(argv).folder
     out.mkdir(parents=True, exist_ok=True)
     shutil.copy(HERE / "ramp.py", out)
     for reference in [*references(), *larger()]:
@@ -696,6 +700,4 @@ def main(folder: str) -> int:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python -m tests.benchmarks.scenes FOLDER")
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main())
