@@ -72,7 +72,6 @@ from tbsa.kernels.crew import (
     ROWS,
     SCALE,
     SWEEP,
-    TALLY,
     TOTAL,
     WORK,
     Crew,
@@ -122,7 +121,6 @@ from tbsa.kernels.solver import find_scales, limit_work, relax, scale_impulses, 
 from tbsa.kernels.sweeps import (
     apply_blocks,
     apply_impulses,
-    changed,
     floor_tiles,
     sweep_blocks,
     turn_round,
@@ -923,12 +921,10 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == APPLY:
             apply_blocks(rows, k.per_mass, v, first, last)
         elif what == SWEEP:
-            sweep_blocks(rows, k.per_mass, v, first, last)
+            crew.found[me * LINE], crew.deepest[me * LINE] = sweep_blocks(
+                rows, with_substep(k, h), v, first, last)
         elif what == FLOOR:
             floor_tiles(floor, with_substep(k, h), work.c, work.s, v, first, last)
-        elif what == TALLY:
-            crew.found[me * LINE], crew.deepest[me * LINE] = changed(
-                rows, with_substep(k, h), first, last)
         elif what == WORK:
             work_on(k, v, work.shift, first, last)
         elif what == SCALE:

@@ -22,8 +22,8 @@ from tbsa.kernels.jit import ZERO, inline, lane
 
 # What is to be done; see `help_out` in `advance.py`.
 (LEAVE, PAIRS, LIST, AHEAD, PULL, REACT, TOTAL, ASSUME, ROWS, KEEP, CLEAR, FILL, RECALL, PACE,
- BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR, TALLY, WORK, SCALE, BACK, END, DEEP, BEYOND) = (
-     np.int64(i) for i in range(27))
+ BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR, WORK, SCALE, BACK, END, DEEP, BEYOND) = (
+     np.int64(i) for i in range(26))
 
 # Ranges shorter than this are not worth the way to another thread: 0.4 us there and back.
 LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = (np.int64(i) for i in (1024, 96, 1024, 8192))

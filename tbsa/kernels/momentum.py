@@ -41,7 +41,6 @@ from tbsa.kernels.rows import (
 from tbsa.kernels.sweeps import (
     LITTLE,
     MANY,
-    count_changed,
     gather,
     gather_row,
     lane_of,
@@ -227,8 +226,7 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
             for j in range(size):
                 queued[now[j]] = 0
             begin_blocks(rows, fresh)
-            sweep_rows(rows, k.per_mass, v, True, crew)
-            many, worst = count_changed(rows, k, crew)
+            many, worst = sweep_rows(rows, k, v, True, crew)
             square, onward = slope_blocks(rows)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             found = ZERO if whole else queue_changed(rows, k.n, ZERO, v, little)

@@ -24,7 +24,6 @@ from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
 from tbsa.kernels.sweeps import (
     LITTLE,
     MANY,
-    count_changed,
     queue_changed,
     sweep_floor,
     sweep_queue,
@@ -61,10 +60,9 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
         if whole:
             for j in range(size):
                 queued[now[j]] = 0
-            sweep_rows(rows, k.per_mass, v, p < PLAIN or p % 2 == 0, crew)
+            many, worst = sweep_rows(rows, k, v, p < PLAIN or p % 2 == 0, crew)
             if floor.law != 0:
                 sweep_floor(floor, k, c, s, v, crew)
-            many, worst = count_changed(rows, k, crew)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
         else:

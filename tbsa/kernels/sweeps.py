@@ -20,7 +20,6 @@ from tbsa.kernels.crew import (
     LEAST_TILES,
     LINE,
     SWEEP,
-    TALLY,
     Crew,
     collect,
     give,
@@ -189,10 +188,29 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
 
 
 @lane
-def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
-    """Solve these blocks of one colour; ``change`` says by how much (m/s) each row did."""
+def tally(rows: Rows, block: int, k: Numbers, worst: float) -> Any:
+    """How many rows of a block that has been solved have changed by more than a little, noted in
+    ``hits``, and the largest change (m/s) of theirs and `worst`."""
+    r, little, some = rows.field, LITTLE * k.tolerance, 0
+    o = U(block) * BLOCK
+    for i in range(LANES):
+        r[o + CHANGE + i] = row_change(r, o + i, k, r[o + CHANGE + i])
+        some += 1 if r[o + CHANGE + i] > little else 0
+        worst = max(worst, r[o + CHANGE + i])
+    rows.hits[block] = some
+    return some, worst
+
+
+@lane
+def sweep_blocks(rows: Rows, k: Numbers, v: Bodies, begin: int, last: int) -> Any:
+    """Solve these blocks of one colour; ``change`` says by how much (m/s) each row did.
+
+    Returns how many rows have changed by more than a little, and the largest change (m/s): counted
+    while they are in the first-level cache.
+    """
     r, single, active = rows.field, rows.single, rows.active
-    vx, vy, w = v.vx, v.vy, v.w
+    vx, vy, w, per_mass = v.vx, v.vy, v.w, k.per_mass
+    many, worst = 0, 0.0
     for start in range(begin, last, CHUNK):
         m = start
         for block in range(start, min(start + CHUNK, last)):
@@ -207,28 +225,44 @@ def sweep_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) 
                 solve_mixed(r, U(active[j]) * BLOCK, LANES, per_mass)
         for j in range(start, m):
             scatter(rows, active[j], vx, vy, w)
+        for j in range(start, m):
+            some, worst = tally(rows, active[j], k, worst)
+            many += some
+    return many, worst
 
 
 @inline
-def sweep_rows(rows: Rows, per_mass: float, v: Bodies, forward: bool, crew: Crew) -> None:
-    """One pass over all blocks."""
+def sweep_rows(rows: Rows, k: Numbers, v: Bodies, forward: bool, crew: Crew) -> Any:
+    """One pass over all blocks; returns how many rows have changed by more than a little, and the
+    largest change (m/s)."""
     first, colours, in_use = rows.first, rows.colours, rows.size[1]
-    if not forward:
-        sweep_alone(rows, per_mass, v)
+    many, worst = (ZERO, 0.0) if forward else sweep_alone(rows, k, v)
     for j in range(in_use):
         colour = colours[j if forward else in_use - 1 - j]
-        mine, last = give(crew, SWEEP, first[colour], first[colour + 1], LEAST_BLOCKS)
-        sweep_blocks(rows, per_mass, v, mine, last)
+        end = first[colour + 1]
+        mine, last = give(crew, SWEEP, first[colour], end, LEAST_BLOCKS)
+        some, most = sweep_blocks(rows, k, v, mine, last)
         collect(crew)
+        many, worst = many + some, max(worst, most)
+        for other in range(1, crew.size if last < end else 1):
+            many += crew.found[other * LINE]
+            worst = max(worst, crew.deepest[other * LINE])
     if forward:
-        sweep_alone(rows, per_mass, v)
+        some, most = sweep_alone(rows, k, v)
+        many, worst = many + some, max(worst, most)
+    return many, worst
 
 
 @inline
-def sweep_alone(rows: Rows, per_mass: float, v: Bodies) -> None:
-    """Solve the rows that are alone in their blocks."""
+def sweep_alone(rows: Rows, k: Numbers, v: Bodies) -> Any:
+    """Solve the rows that are alone in their blocks, likewise."""
+    many, worst = ZERO, 0.0
     for block in range(rows.first[ALONE], rows.first[COLOURS]):
-        solve_row(rows, WIDE * block, per_mass, v)
+        if rows.single[block] != IDLE:
+            solve_row(rows, WIDE * block, k.per_mass, v)
+            some, worst = tally(rows, block, k, worst)
+            many += some
+    return many, worst
 
 
 @inline
@@ -322,39 +356,6 @@ def queue(rows: Rows, v: Bodies, tile: int, m: int) -> int:
         m += 1 - (queued[q] & 1)
         queued[q] |= 1
     return m
-
-
-@lane
-def changed(rows: Rows, k: Numbers, begin: int, last: int) -> Any:
-    """After a pass over all rows, how many of these blocks have changed by more than a little,
-    noted for each in ``hits``, and the largest change (m/s)."""
-    r, hits, little = rows.field, rows.hits, LITTLE * k.tolerance
-    many, worst = 0, 0.0
-    for block in range(begin, last):
-        if rows.single[block] == IDLE:
-            continue
-        o = U(block) * BLOCK
-        some = 0
-        for i in range(LANES):
-            r[o + CHANGE + i] = row_change(r, o + i, k, r[o + CHANGE + i])
-            some += 1 if r[o + CHANGE + i] > little else 0
-            worst = max(worst, r[o + CHANGE + i])
-        hits[block] = some
-        many += some
-    return many, worst
-
-
-@inline
-def count_changed(rows: Rows, k: Numbers, crew: Crew) -> Any:
-    """The same of all rows."""
-    blocks = rows.first[COLOURS]
-    begin, last = give(crew, TALLY, ZERO, blocks, LEAST_BLOCKS)
-    many, worst = changed(rows, k, begin, last)
-    collect(crew)
-    for other in range(1, crew.size if last < blocks else 1):
-        many += crew.found[other * LINE]
-        worst = max(worst, crew.deepest[other * LINE])
-    return many, worst
 
 
 @inline
