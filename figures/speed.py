@@ -28,18 +28,25 @@ DATA: tuple[Path, ...] = (newest(RESULTS),)
 
 
 def make() -> Figure:
-    """Left: time per tile and substep; right: how many times as fast as the other engines."""
+    """Time per tile and substep, of each scene, and how many times as fast as other engines."""
     rows = results(DATA[0]).get("rows")
     if not rows:
         raise Missing(f"rows in {DATA[0]}")
+    sizes = [{"scene": "shaking", **row} for row in rows if row["part"] == "sizes"]
+    scenes = sorted({row["scene"] for row in sizes}, reverse=True)  # before 0.9.0 only shaking
     fig = figure(3.0, 7.1)
-    left, right = fig.subplots(1, 2, width_ratios=(1.0, 1.25))
-    cost(left, [row for row in rows if row["part"] == "sizes"])
+    *lefts, right = fig.subplots(1, len(scenes) + 1, width_ratios=[1.0] * len(scenes) + [1.25])
+    for ax, scene in zip(lefts, scenes, strict=True):
+        cost(ax, [row for row in sizes if row["scene"] == scene])
+        ax.set_title(scene, fontsize=7)
+        ax.sharey(lefts[0])
+    for ax in lefts[1:]:
+        ax.set_ylabel("")
     speeds(right, rows)
-    for ax in (left, right):
+    for ax in (*lefts, right):
         ax.spines[["top", "right"]].set_visible(False)
-    fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=6,
-               handlelength=4.0, columnspacing=1.2)
+    fig.legend(*lefts[0].get_legend_handles_labels(), loc="outside upper center", ncols=4,
+               fontsize=6, handlelength=4.0, columnspacing=1.2)
     return fig
 
 

@@ -36,8 +36,8 @@ def peer(name, engine, median):
             "least": 0.9 * median, "step": 1 / 240, "with_python": 2.0 * median}
 
 
-def size(tiles, median, peak, skips="on", setting="fixed"):
-    return {"part": "sizes", "tiles": tiles, "setting": setting, "skips": skips,
+def size(tiles, median, peak, skips="on", setting="fixed", scene="shaking"):
+    return {"part": "sizes", "scene": scene, "tiles": tiles, "setting": setting, "skips": skips,
             "median": median, "least": median, "bytes": 9000.0, "peak": peak}
 
 
@@ -58,6 +58,7 @@ ROWS = [
        "median": cost} for threads, cost in {1: 0.6, 2: 0.5}.items()),
     size(550, 1e-7, 1e8), size(550, 5e-8, 1e8, "off"), size(35200, 1e-7, 3e8),
     size(35200, 6e-8, 3e8, "off"), size(100_000, 2e-7, 9e8),
+    size(550, 1e-7, 1e8, scene="unicycle"), size(35200, 2e-7, 3e8, scene="unicycle"),
 ]
 
 
@@ -76,9 +77,10 @@ def test_ratios_and_targets():
     assert found["unicycle, skips on, against pymunk", "fixed"]["value"] == pytest.approx(15.0)
     assert ("shaking, skips on, against pymunk", "fixed") not in found  # not measured
     # Sizes are held against each other with skips off.
-    assert found["35200 tiles against 550, a tile and substep", "fixed"]["value"] == (
-        pytest.approx(1.2))
-    assert found["100000 tiles, peak memory (GB)", "fixed"]["reached"]
+    for scene, value in (("shaking", 1.2), ("unicycle", 2.0)):
+        assert found[f"{scene}, 35200 tiles against 550, a tile and substep", "fixed"][
+            "value"] == pytest.approx(value)
+    assert found["shaking, 100000 tiles, peak memory (GB)", "fixed"]["reached"]
     # 36 runs of 3600 s of each drive, on two processes.
     minutes = found["72 runs of 3600 s, 2 processes (min)", "fixed"]
     assert minutes["value"] == pytest.approx(36 * 60 * (0.004 + 0.016) / 2)
@@ -207,7 +209,8 @@ def test_the_figure_is_drawn_from_the_newest_results(tmp_path, monkeypatch):
     monkeypatch.setattr(drawn, "DATA", (path,))
     with style.look():
         figure = drawn.make()
-    left, right = figure.axes
+    first, left, right = figure.axes
+    assert [tick.get_text() for tick in first.get_xticklabels()] == ["550", "35,200"]
     assert [tick.get_text() for tick in left.get_xticklabels()] == ["550", "35,200", "100,000"]
     widths = sorted(round(bar.get_width(), 3) for bar in right.patches)
     assert widths == [1.5, 2.5, 5.0, 6.25, 8.333, 15.0, 25.0]

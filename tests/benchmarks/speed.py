@@ -1,7 +1,7 @@
 """Speed: against other engines, over the number of tiles, and what each part of a scene costs.
 
     pip install -e ".[bench]"
-    python -m tests.benchmarks.speed                       everything, an hour
+    python -m tests.benchmarks.speed                       everything, 1 1/2 hours
     python -m tests.benchmarks.speed --sizes 550 2200      fewer sizes
     python -m tests.benchmarks.speed --parts start sizes   some parts only; the rest stays as saved
     python -m tests.benchmarks.speed --saved               the tables of the saved results
@@ -16,7 +16,9 @@ first evolve at their own settings (kept in a folder, for the next call).  Setti
 and each with the switches of [solver] (its booleans) on and off, if it has any.  Box2D and Pymunk
 take over the same evolved state, without magnets, and get the drive's forces each step.  Scenes of
 other sizes have the same share of their area covered; they are placed at random and evolve for
-a few seconds only, the one of 550 tiles among them too, so that sizes can be compared.
+a few seconds only, the one of 550 tiles among them too, so that sizes can be compared.  What the
+unicycle drive does to a tile does not depend on the size; a shaken crowd swings from wall to wall,
+and the larger the reactor, the later it is there, the faster, and the deeper it piles up.
 
 Prints tables and writes ``tests/benchmarks/results/speed-VERSION.json``; ``python -m figures
 speed`` draws it.
@@ -360,18 +362,19 @@ def clock_cases(folder: str, begun: float) -> None:
 
 
 def sizes_rows(arguments: argparse.Namespace) -> list[Row]:
-    """CPU time per tile and substep, and memory, over the number of tiles; shaken."""
+    """CPU time per tile and substep, and memory, over the number of tiles."""
     rows = []
-    base = load(PAPER / SCENES["shaking"])
-    for tiles in sorted(arguments.sizes):
-        scene = sized(base, tiles)
-        layout = evolved(scene, arguments.settle, arguments.cache)
-        for setting, switches, with_it in settings(scene):
-            # In a process of its own, for its peak of memory.
-            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
-                found = alone.submit(size_row, with_it, layout, arguments).result()
-            rows.append({"part": "sizes", "tiles": tiles, "setting": setting, "skips": switches,
-                         "settled": arguments.settle, "span": arguments.span, **found})
+    for name, file in SCENES.items():
+        for tiles in sorted(arguments.sizes):
+            scene = sized(load(PAPER / file), tiles)
+            layout = evolved(scene, arguments.settle, arguments.cache)
+            for setting, switches, with_it in settings(scene):
+                # In a process of its own, for its peak of memory.
+                with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
+                    found = alone.submit(size_row, with_it, layout, arguments).result()
+                rows.append({"part": "sizes", "scene": name, "tiles": tiles, "setting": setting,
+                             "skips": switches, "settled": arguments.settle,
+                             "span": arguments.span, **found})
     return rows
 
 
@@ -480,13 +483,15 @@ def ratios(rows: Sequence[Row]) -> list[Row]:
                     add(f"{scene}, skips {skips}, against {engine}", setting,
                         theirs["median"] / ours["median"], target, ambition, False)
     for setting in ("fixed", "recommended"):
-        last = {row["tiles"]: row for row in of(rows, part="sizes", setting=setting)}
-        if 550 in last and 35200 in last:  # the last of a size has its switches off
-            add("35200 tiles against 550, a tile and substep", setting,
-                last[35200]["median"] / last[550]["median"], 1.4, 1.1, True)
-        if 100_000 in last:
-            add("100000 tiles, peak memory (GB)", setting, last[100_000]["peak"] / 1e9, 1.0, None,
-                True)
+        for scene in SCENES:  # the last of a size has its switches off
+            last = {row["tiles"]: row
+                    for row in of(rows, part="sizes", scene=scene, setting=setting)}
+            if 550 in last and 35200 in last:
+                add(f"{scene}, 35200 tiles against 550, a tile and substep", setting,
+                    last[35200]["median"] / last[550]["median"], 1.4, 1.1, True)
+            if 100_000 in last:
+                add(f"{scene}, 100000 tiles, peak memory (GB)", setting,
+                    last[100_000]["peak"] / 1e9, 1.0, None, True)
         costs = [row["median"] for scene in SCENES
                  for row in of(rows, part="paper", scene=scene, setting=setting, skips="on")]
         if len(costs) == len(SCENES):
@@ -547,12 +552,13 @@ def tables(rows: Sequence[Row]) -> str:
     if lines := split(rows):
         parts.append(aligned(("scene", "setting", "skips", "us a step",
                               *(f"less without {part}" for part in ABSENT), "rest"), lines))
-    sizes = [[str(row["tiles"]), row["setting"], row["skips"], f"{1e9 * row['median']:.3g}",
-              f"{1e9 * row['least']:.3g}", f"{row['bytes']:.0f}", f"{row['peak'] / 1e6:.0f}"]
+    sizes = [[row["scene"], str(row["tiles"]), row["setting"], row["skips"],
+              f"{1e9 * row['median']:.3g}", f"{1e9 * row['least']:.3g}", f"{row['bytes']:.0f}",
+              f"{row['peak'] / 1e6:.0f}"]
              for row in of(rows, part="sizes")]
     if sizes:
-        parts.append(aligned(("tiles", "setting", "skips", "ns a tile and substep", "least",
-                              "bytes a tile", "peak memory MB"), sizes))
+        parts.append(aligned(("scene", "tiles", "setting", "skips", "ns a tile and substep",
+                              "least", "bytes a tile", "peak memory MB"), sizes))
     verdicts = {True: "yes", False: "NO", None: ""}
     figures = [[row["figure"], row["setting"], f"{row['value']:.3g}",
                 *("" if row[name] is None else f"{'<=' if row['most'] else '>='} {row[name]:g}"
@@ -567,6 +573,8 @@ def tables(rows: Sequence[Row]) -> str:
 def saved(path: Path) -> list[Row]:
     """The rows of a file of results; none if it is not there."""
     rows: list[Row] = json.loads(path.read_text())["rows"] if path.exists() else []
+    for row in of(rows, part="sizes"):
+        row.setdefault("scene", "shaking")  # the only one before 0.9.0
     return rows
 
 
