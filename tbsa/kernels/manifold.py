@@ -147,8 +147,9 @@ def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
 
 
 @lane
-def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
-    """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on."""
+def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, some: bool) -> None:
+    """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on; of two points
+    all, unless `some` are of one."""
     for i in range(U(lanes)):
         k = U(first) + i
         nx, ny, wa, wb = r[k + NX], r[k + NY], r[k + AW], r[k + BW]
@@ -157,7 +158,7 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
         at, bt, q0, q1, qt = r[k + AT], r[k + BT], r[k + PN0], r[k + PN1], r[k + PT]
         k00, k01, k11, ktt = r[k + K00], r[k + K01], r[k + K11], r[k + KTT]
         mu, base, itt, idet = r[k + MU], r[k + BASE], r[k + ITT], r[k + IDET]
-        two = r[k + COUNT] > 1.5
+        two = (not some) | (r[k + COUNT] > 1.5)
         along = nx * dvx + ny * dvy
         vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
         vn0 = (along + (bn0 * wb - an0 * wa)) + r[k + WANT0]
@@ -168,8 +169,10 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float) -> None:
         u0 = (vn0 - (k00 * q0 + k01 * q1)) + (ga * an0 + gb * bn0) * (t2 - qt)
         u1 = (vn1 - (k01 * q0 + k11 * q1)) + (ga * an1 + gb * bn1) * (t2 - qt)
         p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, idet)
-        pn, pt = one_point(vn0 - (k00 * q0 + k01 * qt), vt - (k01 * q0 + ktt * qt), k00, ktt, k01,
-                           itt, idet, mu, base)
+        pn, pt = 0.0, 0.0
+        if some:
+            pn, pt = one_point(vn0 - (k00 * q0 + k01 * qt), vt - (k01 * q0 + ktt * qt), k00, ktt,
+                               k01, itt, idet, mu, base)
         p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)
         push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
         r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t
