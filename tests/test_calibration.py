@@ -771,6 +771,7 @@ def test_the_interval_covers_what_few_runs_have_much_of():
     ("merit.md", lambda: merit.report(DATA / "campaign", HERE / "campaign.toml")),
     ("step.md", lambda: step_study.report(DATA / "step", HERE / "step.toml")),
     ("step_shaken.md", lambda: step_study.report(DATA / "step_shaken", HERE / "step_shaken.toml")),
+    ("step_self.md", lambda: step_study.report(DATA / "step_self", HERE / "step_self.toml")),
     ("calibration.md", lambda: calibrate.report(
         {name: DATA / file.stem for name, file in calibrate.FILES.items()})[0])])
 def test_the_reports_are_those_of_the_data_that_are_kept(file, text):
