@@ -32,8 +32,8 @@ def make() -> Figure:
     rows = results(DATA[0]).get("rows")
     if not rows:
         raise Missing(f"rows in {DATA[0]}")
-    sizes = [{"scene": "shaking", **row} for row in rows if row["part"] == "sizes"]
-    scenes = sorted({row["scene"] for row in sizes}, reverse=True)  # before 0.9.0 only shaking
+    sizes = [row for row in rows if row["part"] == "sizes"]
+    scenes = sorted({row["scene"] for row in sizes}, reverse=True) or [""]
     fig = figure(3.0, 7.1)
     *lefts, right = fig.subplots(1, len(scenes) + 1, width_ratios=[1.0] * len(scenes) + [1.25])
     for ax, scene in zip(lefts, scenes, strict=True):

@@ -147,9 +147,12 @@ def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
 
 
 @lane
-def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, some: bool) -> None:
-    """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on; of two points
-    all, unless `some` are of one."""
+def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bool) -> None:
+    """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on.
+
+    Without `lone` there is none of one point, and its impulses are not worked out; those of two are
+    the same to the bit either way.
+    """
     for i in range(U(lanes)):
         k = U(first) + i
         nx, ny, wa, wb = r[k + NX], r[k + NY], r[k + AW], r[k + BW]
@@ -158,7 +161,7 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, some: bo
         at, bt, q0, q1, qt = r[k + AT], r[k + BT], r[k + PN0], r[k + PN1], r[k + PT]
         k00, k01, k11, ktt = r[k + K00], r[k + K01], r[k + K11], r[k + KTT]
         mu, base, itt, idet = r[k + MU], r[k + BASE], r[k + ITT], r[k + IDET]
-        two = (not some) | (r[k + COUNT] > 1.5)
+        two = (not lone) | (r[k + COUNT] > 1.5)
         along = nx * dvx + ny * dvy
         vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
         vn0 = (along + (bn0 * wb - an0 * wa)) + r[k + WANT0]
@@ -170,7 +173,7 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, some: bo
         u1 = (vn1 - (k01 * q0 + k11 * q1)) + (ga * an1 + gb * bn1) * (t2 - qt)
         p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, idet)
         pn, pt = 0.0, 0.0
-        if some:
+        if lone:
             pn, pt = one_point(vn0 - (k00 * q0 + k01 * qt), vt - (k01 * q0 + ktt * qt), k00, ktt,
                                k01, itt, idet, mu, base)
         p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)

@@ -573,8 +573,6 @@ def tables(rows: Sequence[Row]) -> str:
 def saved(path: Path) -> list[Row]:
     """The rows of a file of results; none if it is not there."""
     rows: list[Row] = json.loads(path.read_text())["rows"] if path.exists() else []
-    for row in of(rows, part="sizes"):
-        row.setdefault("scene", "shaking")  # the only one before 0.9.0
     return rows
 
 
