@@ -865,3 +865,43 @@ def test_what_hits_a_row_does_not_depend_on_the_speed_of_all(n, bonded):
         for frame in ((1.0, 0.0), (0.0, 1.0), (-0.3, 0.7)):
             # Among what hits together 1e-4 of the approach is left.
             assert after(*frame, part) == pytest.approx(still, abs=1e-4 * 0.3)
+
+
+def on_a_line(x, v, e, half, seconds):
+    """Places and velocities of equal tiles in a row between two walls at -half and half, by events."""
+    x, v, left = x.copy(), v.copy(), seconds
+    while True:
+        gaps = np.diff(x, prepend=-half - 0.5 * WIDTH, append=half + 0.5 * WIDTH) - WIDTH
+        closing = -np.diff(v, prepend=0.0, append=0.0)
+        when = np.where(closing > 0.0, np.maximum(gaps, 0.0) / np.maximum(closing, 1e-99), math.inf)
+        first = int(when.argmin())
+        if when[first] > left:
+            return x + left * v, v
+        x, left = x + when[first] * v, left - when[first]
+        change = (1.0 + e) * closing[first]
+        if first == 0:
+            v[0] += change
+        elif first == x.size:
+            v[-1] -= change
+        else:
+            v[first - 1] -= 0.5 * change
+            v[first] += 0.5 * change
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_what_hits_in_a_substep_does_so_in_the_order_of_time(n):
+    """Tiles in a row between two walls, which go a fifth of their width a substep and hit up to ten
+    times in it: each substep ends with all that hits up to the middle of the next."""
+    steps, e, rng = 4, 0.8, np.random.default_rng(n)
+    for _ in range(40):
+        gaps = rng.uniform(0.02, 0.2, n + 1) * WIDTH
+        half = 0.5 * (gaps.sum() + n * WIDTH)
+        x, v = np.cumsum(gaps[:-1] + WIDTH) - 0.5 * WIDTH - half, rng.uniform(-2.5, 2.5, n)
+        order = rng.permutation(n)
+        s = simulate([tile(x[i], vx=v[i]) for i in order], body=material(restitution=e),
+                     reactor=Reactor("rectangle", width=2.0 * half, height=1.0, restitution=e))
+        s.advance(steps)
+        places, speeds = on_a_line(x, v, e, half, (steps + 0.5) * H)
+        assert s.vx == pytest.approx(speeds[order], abs=1e-9)
+        assert s.x + 0.5 * H * s.vx == pytest.approx(places[order], abs=1e-9 * WIDTH)
+        assert s.omega == pytest.approx(np.zeros(n), abs=1e-9)

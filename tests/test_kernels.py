@@ -336,7 +336,7 @@ def test_threads_do_not_change_a_bit(side, threads, options):
         s.advance(2)
     assert (shared._work.crew.job[0] > 300) == (side > 40)
     assert alone.counts.impacts[0] > 10
-    assert (alone.counts.projections[0] > 0) == (side > 40)
+    assert alone.counts.projections[0] > 0
     assert (state(alone) == state(shared)).all()
     for a, b in zip(alone.counts, shared.counts, strict=True):
         assert (a == b).all()
@@ -549,7 +549,7 @@ def test_joined_substeps_do_not_depend_on_how_a_run_is_cut(substeps):
     whole.advance(2400)
     for _ in range(240):
         cut.advance(10)
-    assert whole.counts.joined[0] > 100
+    assert whole.counts.joined[0] > 50
     assert (state(whole) == state(cut)).all()
 
 

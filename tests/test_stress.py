@@ -98,13 +98,8 @@ def smooth():
     return deepest
 
 
-@pytest.mark.xfail(strict=True, reason="of 96 runs three go beyond; see ARCHITECTURE")
-def test_smooth_tiles_under_a_strong_torque_never_overlap_by_a_fiftieth(smooth):
-    assert max(smooth) < 0.02
-
-
-def test_smooth_tiles_under_a_strong_torque_overlap_by_some_per_cent_at_most(smooth):
-    """Corners that sweep through where others are hit them: 0.9 % of the width in the mean of 96
-    runs, 2.9 % in the worst of them."""
-    assert np.mean(smooth) < 0.02
-    assert max(smooth) < 0.04
+def test_smooth_tiles_under_a_strong_torque_overlap_by_a_hundredth(smooth):
+    """Corners that sweep through where others are hit them: 0.75 % of the width in the mean of 96
+    runs, 1.0 % in the worst of them."""
+    assert np.mean(smooth) < 0.01
+    assert max(smooth) < 0.015

@@ -145,8 +145,8 @@ JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
 # A longer list is older and has more on it that is out of reach.
 PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 8.0, 0.35, 0.5
 MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 3.0, 0.03, 0.1
-# Up to one tile in so many that comes further than assumed has its rows added; for more, all rows
-# are found anew.
+# Up to one tile in so many that comes further than assumed, and in the substep of an impact so many
+# of a small scene, has its rows added; for more, all rows are found anew.
 FEW_TILES = 8
 # What an impact throws may hit, in the same substep, what it had no row with, so many times.
 THROWN = 4
@@ -683,7 +683,7 @@ def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts
     """
     n, x, y, angle, v = k.n, state.x, state.y, state.angle, work.bodies
     further = beyond(k, time, x, y, angle, work)
-    if further == 0 or further > max(n // FEW_TILES, 1):
+    if further == 0 or further > max(n // FEW_TILES, FEW_TILES):
         return False
     assume(k, time, False, x, y, angle, work, ZERO, n)
     found = add_rows(work.rows, work.pairs, k, x, y, angle, work.c, work.s, v.mobile, v.moved,
@@ -784,7 +784,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull
     damp(low, high, slow, slow_spin, v)
     drift(low, high, 0.5 * h, v, x, y, angle)
     collect(crew)
-    if m > 0 and project(rows, kh, v, work.shift, x, y, angle, crew):
+    if m > 0 and project(rows, with_substep(k, ahead), v, work.shift, x, y, angle, crew):
         counts.projections[0] += 1
     return overlap
 
@@ -932,7 +932,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == BACK:
             crew.found[me * LINE] = find_stopped(k, v, work.shift, first, last)
         elif what == DEEP:
-            find_deep(rows, with_substep(k, h), first, last)
+            find_deep(rows, with_substep(k, ahead_time), first, last)
         elif what == END:
             damp(first, last, slow, slow_spin, v)
             drift(first, last, 0.5 * h, v, x, y, angle)

@@ -74,6 +74,8 @@ SPARE = 0.02
 # Tiles that turn further than this in a substep together (rad) may meet with other corners than
 # the nearest now: that is asked for (`meeting` in impacts.py), as for corners that pass each other.
 SWEPT = 0.1
+# What has been stopped by no more than this part of the tolerance was not pressed together.
+GRAZED = 1e-3
 # The solve leaves a point with this velocity alone (m/s): there is none.
 NEVER = 1e30
 
@@ -204,7 +206,7 @@ def place_block(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
 
 @inline
 def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float,
-                gain: float) -> int:
+                tolerance: float, gain: float) -> int:
     """Effective masses of a block's rows and what closes; returns the points that may hit.
 
     k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
@@ -212,9 +214,10 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
     idet that of the 2 x 2 problem, not a number where it has none.  `per_mass` is m/I.  A point
     may hit if it comes within `gain` (m), what forces add to its way, of closing within h, faster
     than the threshold, and has not been in contact: points that are pressed together approach by
-    what the last solve left, and leave it to the next.
+    what the last solve left, and leave it to the next.  What was let go on to hit may have got an
+    impulse of rounding.
     """
-    r, per_h = rows.field, 1.0 / h
+    r, per_h, least = rows.field, 1.0 / h, GRAZED * tolerance
     o = U(block) * BLOCK
     some = 0
     for i in range(LANES):
@@ -247,11 +250,11 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + WANT0 + i] = NEVER if none else want(per_h * gap0, bend0)
         r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
         hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * (vn0 + bend0) < gain)
-                & (r[o + WARM0 + i] == 0.0))
+                & (k00 * r[o + WARM0 + i] <= least))
         hit1 = (two & (vn1 < -threshold) & (gap1 + h * (vn1 + bend1) < gain)
-                & (r[o + WARM1 + i] == 0.0))
-        perhaps = ((r[o + HIT + i] != 0.0) & (r[o + WARM0 + i] == 0.0)
-                   & (r[o + WARM1 + i] == 0.0))
+                & (k11 * r[o + WARM1 + i] <= least))
+        perhaps = ((r[o + HIT + i] != 0.0) & (k00 * r[o + WARM0 + i] <= least)
+                   & (k11 * r[o + WARM1 + i] <= least))
         hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
         r[o + HIT + i] = -1.0 if perhaps & (hit == 0.0) else hit
         some += 1 if perhaps | hit0 | hit1 else 0
@@ -297,6 +300,6 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
             for block in range(start, end):
                 place_block(rows, block, k, x, y, c, s, v)
         for block in range(start, end):
-            struck += weigh_block(rows, block, k.h, per_mass, k.threshold, gain)
+            struck += weigh_block(rows, block, k.h, per_mass, k.threshold, k.tolerance, gain)
             deepest = min(deepest, deepest_gap(rows, block))
     return struck, -deepest

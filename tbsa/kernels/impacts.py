@@ -14,9 +14,9 @@ without the impact; when it hits, it has the part of the gain that goes with tha
 Afterwards the gain is taken back, as the contact solve gives it again.
 
 What would hit if it went on at its present rates, but does not on its arc, is let go; and what
-turns fast may hit with other corners than its row tells of.  What hits one after the other in a
-substep does so in rounds, in the order of time; what does not hit before its end is left to go on
-(`fly_on`), and hits in the next one.
+turns fast may hit with other corners than its row tells of.  Whatever hits in a substep does so in
+the order of time, each impact telling what comes next; what does not hit before its end is left to
+go on (`fly_on`), and hits in the next one.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from tbsa.kernels.contacts import SPARE, SWEPT, place_block, weigh_block
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline
+from tbsa.kernels.queue import Queue, empty_queue, put, take
 from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
     AN0,
@@ -95,19 +96,19 @@ NOWHERE = 1e-5
 # approach.
 ROUGH, FINE = 10.0, 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
-ROUNDS = 12
+OFTEN = 60
 
 
 class Scratch(NamedTuple):
     """Scratch of the impacts, by rows (WIDE block + lane) and by bodies."""
 
-    hitting: np.ndarray  # int64, the rows that hit: 2 row + ALONE or TOGETHER
+    queue: Queue  # the rows that hit, by when in the substep (s)
     known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
     rows: np.ndarray  # int64, the rows that take part
     time: np.ndarray  # s, when in the substep the impact reaches a row
     in_it: np.ndarray  # int64[n], whether a tile takes part
     tiles: np.ndarray  # int64, the tiles that do
-    struck: np.ndarray  # int64, in which round one last hit alone
+    struck: np.ndarray  # int64, how often one has hit
     island: np.ndarray  # int64, union-find over them
     ux: np.ndarray  # velocities before a phase
     uy: np.ndarray
@@ -130,7 +131,7 @@ class Scratch(NamedTuple):
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "struck", "island", "drawn", "pulled"}
-    parts = [np.zeros(WIDE * blocks, dtype) for dtype in (np.int64,) * 3 + (np.float64,)]
+    parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
     parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-2]])
     return Scratch._make([*parts, np.zeros(int(BLOCK)), np.zeros(3, np.int64)])
 
@@ -357,9 +358,9 @@ def closing(wa: float, wb: float, vt: float, at: float, bt: float, of_a: bool,
 
 
 @inline
-def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch,
-                x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray,
-                loads: Loads, meet: Any) -> None:
+def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
+                y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads,
+                meet: Any) -> None:
     """Routh's impact at the one point of a row that hits, at its `meeting`.
 
     The bodies fly on to where they meet, exchange their impulses there, and go back in time with
@@ -371,7 +372,7 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
     though no faster than it came, as brings it back at the end, or it would sink in.
     """
     r, body = rows.field, rows.body
-    i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
+    i, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
     a, b = U(body[t]), U(body[t + LANES])
     time, nx, ny, an, bn, at, bt, of_a = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
@@ -416,12 +417,13 @@ def lone_impact(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scr
         z.since[body_index] = time
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
-    row = WIDE * block + int(lane)
-    place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
+    look_again(rows, row, k, threshold, loads, v, z, x, y, angle, c, s)
     for body_index in (a, b):
+        if v.mobile[body_index] == 0.0:
+            continue
         for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
             if rows.of[p] != row:
-                place_again(rows, rows.of[p], k, threshold, loads.gain, v, z, x, y, c, s)
+                look_again(rows, rows.of[p], k, threshold, loads, v, z, x, y, angle, c, s)
 
 
 @inline
@@ -436,7 +438,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
     for i in range(BLOCK):
         kept[i] = r[first + i]
     place_block(rows, block, k, x, y, c, s, v)
-    weigh_block(rows, block, k.h, k.per_mass, threshold, gain)
+    weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, gain)
     for field in range(ZERO, BLOCK, LANES):
         for i in range(LANES):
             r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
@@ -445,9 +447,17 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
         hits += 1 if r[first + HIT + i] != 0.0 else 0
         lone += 1 if r[first + COUNT + i] == 1.0 else 0
         rows.queued[U(block) * LANES + i] = 1 if r[first + COUNT + i] == 0.0 else 0
-    z.time[row] = max(z.since[rows.body[U(block) * BODIES + lane]],
-                      z.since[rows.body[U(block) * BODIES + LANES + lane]])  # no sooner
     rows.hits[block], rows.single[block] = hits, single if single == LANES else lone
+
+
+@inline
+def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads, v: Bodies,
+               z: Scratch, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
+               s: np.ndarray) -> None:
+    """Whether and when a row hits after an impact of one of its tiles."""
+    place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
+    if rows.field[lane_of(row) + HIT] != 0.0:
+        expect(rows, row, k, loads, v, z, x, y, angle, c, s)
 
 
 @inline
@@ -517,7 +527,6 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     if moved:
         id0, id1 = r[at + ID0] if first else -2.0, r[at + ID1] if second else -2.0
         place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
-        z.time[q] = time
         left, least = max(k.h - time, SAME * k.h), 2.0 * NOWHERE * k.width
         gap0, gap1 = r[at + GAP0], r[at + GAP1]
         first = gap0 <= least or r[at + ID0] == id0 or r[at + ID0] == id1
@@ -646,22 +655,21 @@ def touching(r: np.ndarray, i: int, width: float) -> float:
 
 @inline
 def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
-    """What else a tile meets whose `row` hits: ALONE nothing, before; TOGETHER what it touches and
-    does not leave, or hits at the same time; LATER, as it hits something else first."""
-    r, how, time = rows.field, ALONE, z.time[row]
+    """What else a tile meets whose `row` hits next: ALONE nothing; TOGETHER what it touches and does
+    not leave, or hits at the same time."""
+    r, time = rows.field, z.queue.time
     for p in range(rows.start[tile], rows.start[tile + 1]):
-        i = lane_of(rows.of[p])
+        other = rows.of[p]
+        i = lane_of(other)
         hits = r[i + HIT] != 0.0
-        if rows.of[p] == row or (r[i + COUNT] == 0.0 and not hits):
+        if other == row or (r[i + COUNT] == 0.0 and not hits):
             continue
-        if hits and z.time[rows.of[p]] - time < -SAME * k.h:
-            return LATER
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > k.threshold
                   and (r[i + COUNT] == 1.0 or r[i + VN1] > k.threshold))
-        touches = not hits and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width)
-        if (hits and z.time[rows.of[p]] - time <= SAME * k.h) or (touches and not leaves):
-            how = TOGETHER
-    return how
+        if (time[other] - time[row] <= SAME * k.h if hits else
+                not leaves and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width)):
+            return TOGETHER
+    return ALONE
 
 
 @inline
@@ -675,77 +683,80 @@ def beside(rows: Rows, row: int, k: Numbers, mobile: np.ndarray, z: Scratch) -> 
         for p in range(rows.start[tile], rows.start[tile + 1]):
             other = rows.of[p]
             if (rows.field[lane_of(other) + HIT] > 0.0
-                    and abs(z.time[other] - z.time[row]) <= SAME * k.h):
+                    and abs(z.queue.time[other] - z.queue.time[row]) <= SAME * k.h):
                 return True
     return False
 
 
 @inline
+def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
+           y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """Queue a row that may hit, by the time at which it does; or let it go on."""
+    block, lane, body = row // WIDE, row % WIDE, rows.body
+    t = U(block) * BODIES + U(lane)
+    draw(rows, k, loads, v, z, c, s, body[t])
+    draw(rows, k, loads, v, z, c, s, body[t + LANES])
+    how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, loads.h, 0.0)
+    if how == LATER:
+        fly_on(rows.field, lane_of(row), k.h)
+    else:
+        put(z.queue, row, meet[0])
+
+
+@inline
 def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> int:
-    """Impulses of everything that hits in this substep, as marked in ``hit``: in rounds, as what
-    is thrown may hit something else, or the same tile with another corner.  Returns the number of
-    points that have hit.
+    """Impulses of everything that hits in this substep, as marked in ``hit``, in the order of time:
+    what is thrown may hit something else, or the same tile with another corner.  Returns the number
+    of points that have hit.
 
     The floor's dry friction is a finite force and does nothing in an impact.  Only the rows that
     an impact reaches are looked at; they are left as they were.  ``since`` says from when in the
     substep each tile goes as it does: 0, but for what an impact before has thrown.
     """
-    r, body, hits, mobile, points = rows.field, rows.body, rows.hits, v.mobile, 0
+    r, body, hits, mobile, queue = rows.field, rows.body, rows.hits, v.mobile, z.queue
+    points, size, begun = ZERO, ZERO, 0.0
     set_all(z.struck, 0)
     z.size[2] = 0
-    for turn in range(1, ROUNDS + 1):
-        some, size, more = ZERO, ZERO, ZERO
-        for block in range(rows.first[COLOURS]):  # what hits, and when
-            if hits[block] == 0:
-                continue
-            o = U(block) * BLOCK
-            for i in range(LANES):
-                if r[o + HIT + i] == 0.0:
-                    continue
-                t = U(block) * BODIES + i
-                draw(rows, k, loads, v, z, c, s, body[t])
-                draw(rows, k, loads, v, z, c, s, body[t + LANES])
-                how, meet = meeting(rows, block, i, k, v, z, x, y, angle, loads.h, 0.0)
-                if how == LATER:
-                    fly_on(r, o + i, k.h)
-                    continue
-                row = WIDE * block + int(i)
-                z.time[row] = meet[0]
-                z.hitting[some] = 2 * row + how
-                some += 1
-        for j in range(some):
-            row, how = z.hitting[j] // 2, z.hitting[j] % 2  # ALONE or TOGETHER
-            block, lane = row // WIDE, row % WIDE
-            at, t = lane_of(row), U(block) * BODIES + U(lane)
-            if r[at + HIT] == 0.0:  # no longer, after another impact
-                continue
-            surmised = r[at + HIT] < 0.0
-            if surmised and beside(rows, row, k, mobile, z):
-                fly_on(r, at, k.h)
-                continue
-            for tile in (body[t], body[t + LANES]):
-                if mobile[tile] != 0.0:
-                    how = max(how, LATER if z.struck[tile] == turn
-                              else company(rows, tile, row, k, z))
-            if how == LATER and turn < ROUNDS:
-                more += 1
-            elif how == ALONE or (how == TOGETHER and surmised):
-                _, meet = meeting(rows, block, lane, k, v, z, x, y, angle, loads.h, z.time[row])
-                lone_impact(rows, block, lane, k, v, z, x, y, angle, c, s, loads, meet)
-                z.struck[body[t]] = z.struck[body[t + LANES]] = turn
-                more += 1
-                points += 1
-            elif surmised:
-                fly_on(r, at, k.h)
-            else:
-                rows.now[size] = row
-                size += 1
-                points += 2 if r[at + HIT] == 3.0 else 1
-        if size > 0:
+    for block in range(rows.first[COLOURS]):
+        if hits[block] == 0:
+            continue
+        for i in range(LANES):
+            row = WIDE * block + int(i)
+            if r[lane_of(row) + HIT] != 0.0:
+                expect(rows, row, k, loads, v, z, x, y, angle, c, s)
+    while queue.size[0] > 0 or size > 0:
+        if size > 0 and (queue.size[0] == 0
+                         or queue.time[queue.heap[0]] - begun > SAME * k.h):
             together(rows, k, v, z, x, y, angle, c, s, loads, size)
-        if size + more == 0:
-            break
+            size = ZERO
+            continue
+        row = take(queue)
+        at, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+        a, b, hit = body[t], body[t + LANES], r[at + HIT]
+        if hit == 0.0:  # no longer, after another impact
+            continue
+        if max(z.struck[a] * mobile[a], z.struck[b] * mobile[b]) >= OFTEN:
+            r[at + HIT] = 0.0
+            continue
+        how, meet = meeting(rows, row // WIDE, row % WIDE, k, v, z, x, y, angle, loads.h,
+                            queue.time[row])
+        if how == LATER or (hit < 0.0 and beside(rows, row, k, mobile, z)):
+            fly_on(r, at, k.h)
+            continue
+        z.struck[a] += 1
+        z.struck[b] += 1
+        for tile in (a, b):
+            how = max(how, company(rows, tile, row, k, z) if mobile[tile] != 0.0 else ALONE)
+        if how == ALONE or hit < 0.0:
+            lone_impact(rows, row, k, v, z, x, y, angle, c, s, loads, meet)
+            points += 1
+        else:
+            begun = meet[0] if size == 0 else begun
+            z.time[row] = meet[0]
+            rows.now[size] = row
+            size += 1
+            points += 2 if hit == 3.0 else 1
     for j in range(z.size[2]):
         i = z.pulled[j]
         share(v, z, i, -1.0)
@@ -841,10 +852,11 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             q = rows.of[p]
             t = U(q // WIDE) * BODIES + U(q % WIDE)
             other = body[t + LANES] if body[t] == i else body[t]
-            if z.in_it[other] != 2 and (every or r[lane_of(q) + GAP0] < far
-                                        or r[lane_of(q) + COUNT] != 0.0):
-                place_again(rows, q, k, k.threshold + ROUGH * k.tolerance, loads.gain, v, z, x, y,
-                            c, s)
+            at = lane_of(q)
+            if z.in_it[other] != 2 and (every or r[at + GAP0] < far or r[at + COUNT] != 0.0
+                                        or r[at + HIT] != 0.0):
+                look_again(rows, q, k, k.threshold + ROUGH * k.tolerance, loads, v, z, x, y, angle,
+                           c, s)
         z.in_it[i] = 2  # its rows are done
     for j in range(z.size[1]):
         z.in_it[z.tiles[j]] = 0
