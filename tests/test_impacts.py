@@ -868,7 +868,7 @@ def test_what_hits_a_row_does_not_depend_on_the_speed_of_all(n, bonded):
 
 
 def on_a_line(x, v, e, half, seconds):
-    """Places and velocities of equal tiles in a row between two walls at -half and half, by events."""
+    """Places and velocities of equal tiles in a row between walls at -half and half, by events."""
     x, v, left = x.copy(), v.copy(), seconds
     while True:
         gaps = np.diff(x, prepend=-half - 0.5 * WIDTH, append=half + 0.5 * WIDTH) - WIDTH

@@ -655,8 +655,8 @@ def touching(r: np.ndarray, i: int, width: float) -> float:
 
 @inline
 def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
-    """What else a tile meets whose `row` hits next: ALONE nothing; TOGETHER what it touches and does
-    not leave, or hits at the same time."""
+    """What else a tile meets whose `row` hits next: ALONE nothing; TOGETHER what it touches and
+    does not leave, or hits at the same time."""
     r, time = rows.field, z.queue.time
     for p in range(rows.start[tile], rows.start[tile + 1]):
         other = rows.of[p]

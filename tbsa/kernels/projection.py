@@ -81,7 +81,7 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
     i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
     a, b = U(body[t]), U(body[t + LANES])
     nx, ny, two = r[i + NX], r[i + NY], r[i + COUNT] > 1.5
-    # Where the points will be in the next substep at these velocities, with what has been moved yet.
+    # Where the points will be in the next substep as they go, with what has been moved yet.
     turn_a, turn_b = k.h * w[a] + sw[a], k.h * w[b] + sw[b]
     along = (nx * (k.h * (vx[b] - vx[a]) + sx[b] - sx[a])
              + ny * (k.h * (vy[b] - vy[a]) + sy[b] - sy[a]))
@@ -130,8 +130,8 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
 
 @lane
 def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
-    """Mark the rows of these blocks that will overlap by more than the slop in the next substep, from
-    whose middle ``k.h`` looks ahead to, in ``hit``, and count them in ``hits``.
+    """Mark the rows of these blocks that will overlap by more than the slop in the next substep,
+    to whose middle ``k.h`` looks ahead, in ``hit``, and count them in ``hits``.
 
     With the velocities of each row when it was last solved, which is near enough to choose.
     A point that the solve has only kept from coming too far, as it is still on its way at more
