@@ -762,7 +762,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
         share(v, z, i, -1.0)
         z.gainx[i] = z.gainy[i] = z.gainw[i] = 0.0
         z.drawn[i] = 0
-    return points
+    return int(points)
 
 
 @inline
