@@ -25,7 +25,6 @@ from tbsa.kernels.rows import (
     AX,
     AY,
     BASE,
-    BLOCK,
     BN0,
     BN1,
     BT,
@@ -42,7 +41,6 @@ from tbsa.kernels.rows import (
     K01,
     K11,
     KTT,
-    LANES,
     MA,
     MB,
     MU,
@@ -116,39 +114,12 @@ def push(r: np.ndarray, k: int, per_mass: float, d0: float, d1: float, dt: float
     r[k + BW] += per_mass * mb * (r[k + BN0] * d0 + r[k + BN1] * d1 + r[k + BT] * dt)
 
 
-# The lanes' code stands in these loops themselves: LLVM unrolls a short loop over a call, and
-# then makes no vectors of it.
+# The lanes' code stands in this loop itself: LLVM unrolls a short loop over a call, and then makes
+# no vectors of it.
 @lane
-def solve_pairs(r: np.ndarray, block: int, per_mass: float) -> None:
-    """Solve a block of manifolds of two points: their friction, then their normal impulses."""
-    o = U(block) * BLOCK
-    for i in range(LANES):
-        k = o + i
-        nx, ny, wa, wb = r[k + NX], r[k + NY], r[k + AW], r[k + BW]
-        dvx, dvy = r[k + BX] - r[k + AX], r[k + BY] - r[k + AY]
-        an0, bn0, an1, bn1 = r[k + AN0], r[k + BN0], r[k + AN1], r[k + BN1]
-        at, bt, q0, q1, qt = r[k + AT], r[k + BT], r[k + PN0], r[k + PN1], r[k + PT]
-        k00, k01, k11 = r[k + K00], r[k + K01], r[k + K11]
-        along = nx * dvx + ny * dvy
-        vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
-        bound = r[k + MU] * (r[k + BASE] + q0 + q1)
-        t = min(max(qt - vt * r[k + ITT], -bound), bound)
-        # What this friction does to the normal velocities, through the lever arms.
-        ga, gb = per_mass * r[k + MA] * at, per_mass * r[k + MB] * bt
-        u0 = ((along + (bn0 * wb - an0 * wa)) + (r[k + WANT0] - (k00 * q0 + k01 * q1))
-              + (ga * an0 + gb * bn0) * (t - qt))
-        u1 = ((along + (bn1 * wb - an1 * wa)) + (r[k + WANT1] - (k01 * q0 + k11 * q1))
-              + (ga * an1 + gb * bn1) * (t - qt))
-        p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, r[k + IDET])
-        push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
-        r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t
-        r[k + CHANGE] = max(max(abs(p0 - q0) * k00, abs(p1 - q1) * k11),
-                            abs(t - qt) * r[k + KTT])
-
-
-@lane
-def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bool) -> None:
-    """Solve manifolds of one or two points: `lanes` lanes of a block from `first` on.
+def solve_lanes(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bool) -> None:
+    """Solve the manifolds of `lanes` lanes of a block, from `first` on: of two points friction, then
+    both normal impulses; of one point all at once.
 
     Without `lone` there is none of one point, and its impulses are not worked out; those of two are
     the same to the bit either way.
@@ -164,18 +135,20 @@ def solve_mixed(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bo
         two = (not lone) | (r[k + COUNT] > 1.5)
         along = nx * dvx + ny * dvy
         vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
-        vn0 = (along + (bn0 * wb - an0 * wa)) + r[k + WANT0]
-        vn1 = (along + (bn1 * wb - an1 * wa)) + r[k + WANT1]
+        vn0, vn1 = along + (bn0 * wb - an0 * wa), along + (bn1 * wb - an1 * wa)
         bound = mu * (base + q0 + q1)
         t2 = min(max(qt - vt * itt, -bound), bound)
+        # What this friction does to the normal velocities, through the lever arms.
         ga, gb = per_mass * r[k + MA] * at, per_mass * r[k + MB] * bt
-        u0 = (vn0 - (k00 * q0 + k01 * q1)) + (ga * an0 + gb * bn0) * (t2 - qt)
-        u1 = (vn1 - (k01 * q0 + k11 * q1)) + (ga * an1 + gb * bn1) * (t2 - qt)
+        u0 = ((vn0 + (r[k + WANT0] - (k00 * q0 + k01 * q1)))
+              + (ga * an0 + gb * bn0) * (t2 - qt))
+        u1 = ((vn1 + (r[k + WANT1] - (k01 * q0 + k11 * q1)))
+              + (ga * an1 + gb * bn1) * (t2 - qt))
         p0, p1 = two_points(u0, u1, k01, r[k + I00], r[k + I11], k00, k11, idet)
         pn, pt = 0.0, 0.0
         if lone:
-            pn, pt = one_point(vn0 - (k00 * q0 + k01 * qt), vt - (k01 * q0 + ktt * qt), k00, ktt,
-                               k01, itt, idet, mu, base)
+            pn, pt = one_point(vn0 + (r[k + WANT0] - (k00 * q0 + k01 * qt)),
+                               vt - (k01 * q0 + ktt * qt), k00, ktt, k01, itt, idet, mu, base)
         p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)
         push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
         r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t

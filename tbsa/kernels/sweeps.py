@@ -34,7 +34,7 @@ from tbsa.kernels.floor import (
     turns,
 )
 from tbsa.kernels.jit import ZERO, U, inline, lane
-from tbsa.kernels.manifold import push, solve_mixed, solve_pairs
+from tbsa.kernels.manifold import push, solve_lanes
 from tbsa.kernels.rows import (
     ALONE,
     AW,
@@ -142,9 +142,9 @@ def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
     r, vx, vy, w = rows.field, v.vx, v.vy, v.w
     i = gather_row(rows, q, vx, vy, w)
     if r[i + COUNT] > 1.5:  # most are: what one point alone needs is 3 % of the shaken scene's time
-        solve_mixed(r, i, U(1), per_mass, False)
+        solve_lanes(r, i, U(1), per_mass, False)
     else:
-        solve_mixed(r, i, U(1), per_mass, True)
+        solve_lanes(r, i, U(1), per_mass, True)
     scatter_row(rows, q, vx, vy, w)
     return float(r[i + CHANGE])
 
@@ -223,9 +223,9 @@ def sweep_blocks(rows: Rows, k: Numbers, v: Bodies, begin: int, last: int) -> An
             gather(rows, active[j], vx, vy, w)
         for j in range(start, m):
             if single[active[j]] == 0:
-                solve_pairs(r, active[j], per_mass)
+                solve_lanes(r, U(active[j]) * BLOCK, LANES, per_mass, False)
             else:
-                solve_mixed(r, U(active[j]) * BLOCK, LANES, per_mass, True)
+                solve_lanes(r, U(active[j]) * BLOCK, LANES, per_mass, True)
         for j in range(start, m):
             scatter(rows, active[j], vx, vy, w)
         for j in range(start, m):
