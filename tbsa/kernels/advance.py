@@ -784,7 +784,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull
     damp(low, high, slow, slow_spin, v)
     drift(low, high, 0.5 * h, v, x, y, angle)
     collect(crew)
-    if m > 0 and project(rows, with_substep(k, ahead), v, work.shift, x, y, angle, crew):
+    if m > 0 and project(rows, with_substep(k, ahead), ahead - 0.5 * h, v, work.shift, x, y, angle,
+                         crew):
         counts.projections[0] += 1
     return overlap
 

@@ -68,8 +68,8 @@ from tbsa.kernels.rows import (
     Rows,
 )
 
-# A point is part of a manifold if it is nearer than it can close at its speed within the
-# substep, and this fraction of the width: forces and impacts may speed it up.
+# A point is part of a manifold if it is nearer than it can close at its speed within the substep,
+# and this fraction of the width, or as far as forces may bring it: they and impacts speed it up.
 SPARE = 0.02
 # Tiles that turn further than this in a substep together (rad) may meet with other corners than
 # the nearest now: that is asked for (`meeting` in impacts.py), as for corners that pass each other.
@@ -116,9 +116,9 @@ def want(gap: float, bend: float) -> float:
 
 
 @inline
-def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
+def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> None:
     """Where the pairs of a block touch; every point keeps its impulse, a new point has none."""
-    r, per_h2 = rows.field, 1.0 / (h * h)
+    r, per_h2, spare = rows.field, 1.0 / (h * h), max(SPARE * width, gain)
     o = U(block) * BLOCK
     lone, some = 0, 0
     for i in range(LANES):
@@ -127,7 +127,7 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
                    + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
         count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a = square_square(
             r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
-            r[o + KTT + i], width, SPARE * width + way)
+            r[o + KTT + i], width, spare + way)
         wa, wb = r[o + AW + i], r[o + BW + i]
         bend0, bend1 = bends(
             width, gap0, gap1, at - bt, bn0 - an0, -bn0 if of_a else an0, -bn1 if of_a else an1,
@@ -158,10 +158,11 @@ def place_pairs(rows: Rows, block: int, width: float, h: float) -> None:
 
 
 @inline
-def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarray,
-                s: np.ndarray, v: Bodies) -> None:
+def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
+                c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Where the corners of a block touch the wall."""
     r, body, vx, vy, w, h = rows.field, rows.body, v.vx, v.vy, v.w, k.h
+    spare = max(SPARE * k.width, gain)
     o, t = U(block) * BLOCK, U(block) * BODIES
     rows.single[block] = WIDE
     for i in range(LANES):
@@ -172,10 +173,10 @@ def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
         q = int(r[o + ID1 + i])
         rx, ry = corner_arm(q // 2, 0.5 * k.width, c[a], s[a])
         gap, nx, ny = wall_gap(k, q % 2, x[a] + rx, y[a] + ry)
-        margin = SPARE * k.width + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
-                                        + 0.7072 * k.width * abs(w[a]))
+        margin = spare + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
+                                + 0.7072 * k.width * abs(w[a]))
         count = 1.0 if gap <= margin else 0.0
-        swept = (gap < margin - SPARE * k.width) & (h * abs(w[a]) > SWEPT)
+        swept = (gap < margin - spare) & (h * abs(w[a]) > SWEPT)
         r[o + HIT + i] = 1.0 if swept else 0.0
         r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
         r[o + GAP0 + i], r[o + GAP1 + i] = gap, gap
@@ -194,14 +195,14 @@ def place_walls(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray
 
 
 @inline
-def place_block(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarray,
-                s: np.ndarray, v: Bodies) -> None:
+def place_block(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
+                c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Where the rows of any one block touch now."""
     if rows.body[U(block) * BODIES + LANES] == k.n:
-        place_walls(rows, block, k, x, y, c, s, v)
+        place_walls(rows, block, k, gain, x, y, c, s, v)
         return
     look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
-    place_pairs(rows, block, k.width, k.h)
+    place_pairs(rows, block, k.width, k.h, gain)
 
 
 @inline
@@ -295,10 +296,10 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
             for block in range(start, end):
                 look(rows, block, x, y, c, s, vx, vy, w)
             for block in range(start, end):
-                place_pairs(rows, block, k.width, k.h)
+                place_pairs(rows, block, k.width, k.h, gain)
         else:
             for block in range(start, end):
-                place_block(rows, block, k, x, y, c, s, v)
+                place_block(rows, block, k, gain, x, y, c, s, v)
         for block in range(start, end):
             struck += weigh_block(rows, block, k.h, per_mass, k.threshold, k.tolerance, gain)
             deepest = min(deepest, deepest_gap(rows, block))

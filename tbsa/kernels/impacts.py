@@ -83,7 +83,7 @@ FLUSH = 1e-6
 # Error of a gap for each metre of where its tiles are: some units in the last place.
 ROUNDING = 2e-15
 # How a point that is about to hit meets the other body: what is more, holds.
-ALONE, TOGETHER, LATER = 0, 1, 2
+ALONE, TOGETHER, LATER, SLOW = 0, 1, 2, 3
 # Steps of the search for a meeting; the last few of them are Newton's.
 SEARCH = 60
 # Where its steps would get ever shorter, they are no shorter than this part of the substep.
@@ -260,7 +260,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     second order), up to the meeting, or the end of the substep, of length `h` (s).  What is slower
     than the gain of a substep does not hit.  Returns ``(how, (time, n_x, n_y, an, bn, at, bt,
     of_a))``, time in s from now, and whether the face is one of a's; how: ALONE one point meets,
-    TOGETHER two, or one and another that rests there, LATER nothing in this substep.
+    TOGETHER two, or one and another that rests there, LATER nothing in this substep, SLOW nothing
+    that the solve is not to stop.
     """
     r, body = rows.field, rows.body
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
@@ -272,7 +273,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
     gx, gy, ga, gb = (z.gainx[b] - z.gainx[a], z.gainy[b] - z.gainy[a], z.gainw[a], z.gainw[b])
-    an, bn, at, bt, of_a = 0.0, 0.0, 0.0, 0.0, False
+    an, bn, at, bt, of_a, how = 0.0, 0.0, 0.0, 0.0, False, LATER
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
     time, surmised = max(begin, max(z.since[a], z.since[b])), r[i + HIT] < 0.0
     stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
@@ -287,8 +288,10 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
             an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
             vn = -nx * vx[a] - ny * vy[a] - an * w[a]
-            if gap <= least and vn < stopped and fast(k, vn, nx * gx + ny * gy - an * ga, part):
-                return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
+            if gap <= least and vn < stopped:
+                if fast(k, vn, nx * gx + ny * gy - an * ga, part):
+                    return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
+                how = SLOW
             round_wall = k.wall == CIRCLE
             bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
             step = safe(gap, vn, w[a] * w[a] * radius + bend)
@@ -319,6 +322,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
                 _, nx, ny, _, _, an, bn, _, _, _, _, at, bt, _, _ = square_square(
                     dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap + other))
             return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
+        how = SLOW if there and count != 0.0 else how
         step, nearest = until_touch(
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
             cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped)
@@ -328,7 +332,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         time += step
         if time > k.h:
             break
-    return LATER, (time, nx, ny, an, bn, at, bt, of_a)
+    return how, (time, nx, ny, an, bn, at, bt, of_a)
 
 
 @inline
@@ -437,7 +441,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
     first, single = U(block) * BLOCK, rows.single[block]
     for i in range(BLOCK):
         kept[i] = r[first + i]
-    place_block(rows, block, k, x, y, c, s, v)
+    place_block(rows, block, k, gain, x, y, c, s, v)
     weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, gain)
     for field in range(ZERO, BLOCK, LANES):
         for i in range(LANES):
@@ -691,7 +695,7 @@ def beside(rows: Rows, row: int, k: Numbers, mobile: np.ndarray, z: Scratch) -> 
 @inline
 def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """Queue a row that may hit, by the time at which it does; or let it go on."""
+    """Queue a row that may hit, by the time at which it does; or let it go on, or to the solve."""
     block, lane, body = row // WIDE, row % WIDE, rows.body
     t = U(block) * BODIES + U(lane)
     draw(rows, k, loads, v, z, c, s, body[t])
@@ -699,6 +703,8 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, loads.h, 0.0)
     if how == LATER:
         fly_on(rows.field, lane_of(row), k.h)
+    elif how == SLOW:
+        rows.field[lane_of(row) + HIT] = 0.0
     else:
         put(z.queue, row, meet[0])
 
@@ -741,7 +747,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
             continue
         how, meet = meeting(rows, row // WIDE, row % WIDE, k, v, z, x, y, angle, loads.h,
                             queue.time[row])
-        if how == LATER or (hit < 0.0 and beside(rows, row, k, mobile, z)):
+        if how >= LATER or (hit < 0.0 and beside(rows, row, k, mobile, z)):
             fly_on(r, at, k.h)
             continue
         z.struck[a] += 1

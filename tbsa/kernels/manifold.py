@@ -118,8 +118,8 @@ def push(r: np.ndarray, k: int, per_mass: float, d0: float, d1: float, dt: float
 # no vectors of it.
 @lane
 def solve_lanes(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bool) -> None:
-    """Solve the manifolds of `lanes` lanes of a block, from `first` on: of two points friction, then
-    both normal impulses; of one point all at once.
+    """Solve the manifolds of `lanes` lanes of a block, from `first` on: of two points friction,
+    then both normal impulses; of one point all at once.
 
     Without `lone` there is none of one point, and its impulses are not worked out; those of two are
     the same to the bit either way.

@@ -11,6 +11,7 @@ import numpy as np
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, Crew, collect, give
+from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.manifold import two_points
 from tbsa.kernels.rows import (
@@ -35,6 +36,7 @@ from tbsa.kernels.rows import (
     HIT,
     I00,
     I11,
+    ID1,
     IDET,
     IDLE,
     K00,
@@ -63,11 +65,37 @@ FLYING = 2.0
 # that is few rows, or no more than there are blocks.  Two passes alone left jammed tiles 1 % of the
 # width in each other for up to half a second.
 PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
+# What turns further than this (rad) until the middle of the next substep is looked at there.
+ARC = 0.03
+
+
+@inline
+def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarray,
+           angle: np.ndarray, rest: float, left: float) -> bool:
+    """Whether the bodies of row q will not overlap by more than `left` (m) after a time `rest` (s).
+
+    A row tells of how they were and went; after an impact, they have hit only when they will have
+    come to where it was, and have turned meanwhile.
+    """
+    r, body, half = rows.field, rows.body, 0.5 * k.width
+    t = U(q // WIDE) * BODIES + U(q % WIDE)
+    a, b = U(body[t]), U(body[t + LANES])
+    ca, sa = cos_sin(angle[a] + rest * v.w[a])
+    xa, ya = x[a] + rest * v.vx[a], y[a] + rest * v.vy[a]
+    if b == U(k.n):
+        corner = int(r[lane_of(q) + ID1])
+        rx, ry = corner_arm(corner // 2, half, ca, sa)
+        gap, _, _ = wall_gap(k, corner % 2, xa + rx, ya + ry)
+        return bool(gap >= -left)
+    cb, sb = cos_sin(angle[b] + rest * v.w[b])
+    count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _, _ = square_square(
+        x[b] + rest * v.vx[b] - xa, y[b] + rest * v.vy[b] - ya, ca, sa, cb, sb, k.width, 0.0)
+    return bool(count == 0.0 or min(gap0, gap1) >= -left)
 
 
 @inline
 def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
-             angle: np.ndarray, left: float) -> bool:
+             angle: np.ndarray, rest: float, left: float) -> bool:
     """Move the bodies of row q apart, if a point of it will overlap by more than `left` (m).
 
     It goes three fifths of the way back to four fifths of that, so that a point at rest is not
@@ -91,6 +119,8 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
     g1 = (r[i + GAP1] + h2 * r[i + BEND1] + slop + along + r[i + BN1] * turn_b
           - r[i + AN1] * turn_a)
     if g0 >= spare and (g1 >= spare or not two):
+        return False
+    if k.h * (abs(w[a]) + abs(w[b])) > ARC and clears(rows, q, k, v, x, y, angle, rest, left):
         return False
     g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
     g1 = g1 if g1 > 0.0 else max(0.6 * g1, -most)
@@ -165,9 +195,10 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
 
 
 @inline
-def project(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
-            angle: np.ndarray, crew: Crew) -> bool:
-    """Move deeply overlapping tiles apart; returns whether there were any.
+def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np.ndarray,
+            y: np.ndarray, angle: np.ndarray, crew: Crew) -> bool:
+    """Move apart what will overlap deeply in the middle of the next substep, after a time `rest`
+    (s); returns whether there was anything.
 
     The velocity solve does not push apart what overlaps, so that it never adds energy; a
     solved scene does not need this.  Rows one by one, from the deep ones on to those of the
@@ -199,7 +230,7 @@ def project(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: 
         for j in range(size):
             q = now[j]
             queued[q] = 0
-            if part_row(rows, q, k, v, shift, x, y, angle, left):
+            if part_row(rows, q, k, v, shift, x, y, angle, rest, left):
                 t = U(q // WIDE) * BODIES + U(q % WIDE)
                 m = queue(rows, v, body[t], m)
                 m = queue(rows, v, body[t + LANES], m)
