@@ -161,7 +161,8 @@ class State(NamedTuple):
     vx: np.ndarray  # m/s
     vy: np.ndarray
     omega: np.ndarray  # rad/s
-    last: np.ndarray  # int64[3], of the last substep: passes, the next one foreseen (h/8), hits
+    # int64[3], of the last substep: passes, the next one foreseen (h/8, 0 at first), hits
+    last: np.ndarray
     impulses: Impulses
 
 
@@ -718,12 +719,12 @@ def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work:
 
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
-def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull: float,
-            slow: float, slow_spin: float, floor: FloorLaw, state: State, work: Work,
+def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, left: float,
+            pull: float, slow: float, slow_spin: float, floor: FloorLaw, state: State, work: Work,
             counts: Counts) -> float:
-    """A substep of length kh.h, so many eighths of k.h, from whose middle a time `ahead` counts
-    for what may touch; with `left` (s) of the step to go when it begins, and nothing sped up by
-    more than `pull` (m/s^2).
+    """A substep of length kh.h, so many eighths of k.h, from whose `middle` (s from its beginning)
+    a time `ahead` counts for what may touch; with `left` (s) of the step to go when it begins, and
+    nothing sped up by more than `pull` (m/s^2).
 
     Damping leaves `slow` and `slow_spin` of velocities in half of it.  Returns the deepest overlap
     (m).
@@ -735,12 +736,13 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull
     numbers = crew.numbers
     gain = 2.0 * pull * h * ahead
     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4] = h, ahead, slow, slow_spin, gain
+    numbers[6] = middle
     counts.substeps[0] += 1
     counts.joined[0] += max(ticks // TICKS - 1, 0)
     counts.rows[0] += m
 
     low, high = give(crew, BEGIN, ZERO, n, LEAST_TILES)
-    drift(low, high, 0.5 * h, v, x, y, angle)
+    drift(low, high, middle, v, x, y, angle)
     damp(low, high, slow, slow_spin, v)
     if m > 0 or floor.law == EXACT:
         turn(low, high, angle, c, s)
@@ -758,7 +760,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull
         last[2] = 0
         if struck > 0:
             loads = Loads(h, gain, work.fx, work.fy, work.torque, floor)
-            last[2] = hit(k, ahead, left - 0.5 * h, loads, state, work, counts)
+            last[2] = hit(k, ahead, left - middle, loads, state, work, counts)
             counts.impacts[0] += last[2]
             m = rows.size[0]
     else:
@@ -782,10 +784,10 @@ def substep(k: Numbers, kh: Numbers, ticks: int, ahead: float, left: float, pull
 
     low, high = give(crew, END, ZERO, n, LEAST_TILES)
     damp(low, high, slow, slow_spin, v)
-    drift(low, high, 0.5 * h, v, x, y, angle)
+    drift(low, high, h - middle, v, x, y, angle)
     collect(crew)
-    if m > 0 and project(rows, with_substep(k, ahead), ahead - 0.5 * h, v, work.shift, x, y, angle,
-                         crew):
+    if m > 0 and project(rows, with_substep(k, ahead), ahead - (h - middle), v, work.shift, x, y,
+                         angle, crew):
         counts.projections[0] += 1
     return overlap
 
@@ -815,7 +817,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     set_all(rows.first, ZERO)
     set_all(rows.size, ZERO)
     set_all(rows.effort, ZERO)
-    error, done, wanted, promised, overlap = OK, 0, TICKS, last[1], 0.0
+    error, done, wanted, overlap = OK, 0, TICKS, 0.0
+    fresh = last[1] == 0  # nothing has looked ahead yet
+    promised = max(last[1], 1)
     kh = with_substep(k, k.h)
     slow, slow_spin = damping(kh)
     for step in range(steps):
@@ -854,11 +858,13 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
                 if ticks * tick != kh.h:
                     kh = with_substep(k, ticks * tick)
                     slow, slow_spin = damping(kh)
-                # From the middle of this substep to that of the next.
-                ahead = 0.5 * (ticks + promised) * tick
+                # From the middle of this substep to that of the next; the first looks at once.
+                middle = 0.0 if fresh else 0.5 * ticks * tick
+                ahead = (ticks + 0.5 * promised) * tick - middle
+                fresh = False
                 late = rows.size[LATE]
-                overlap = substep(k, kh, ticks, ahead, left * tick, hardest, slow, slow_spin,
-                                  floor, state, work, counts)
+                overlap = substep(k, kh, ticks, middle, ahead, left * tick, hardest, slow,
+                                  slow_spin, floor, state, work, counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks
@@ -911,7 +917,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
                 crew.numbers[1], first, last, place_of(work.pairs.other.size, first, k.n),
                 place_of(work.pairs.other.size, last, k.n))
         elif what == BEGIN:
-            drift(first, last, 0.5 * h, v, x, y, angle)
+            drift(first, last, crew.numbers[6], v, x, y, angle)
             damp(first, last, slow, slow_spin, v)
             turn(first, last, angle, work.c, work.s)
         elif what == PLACE:
@@ -936,7 +942,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             find_deep(rows, with_substep(k, ahead_time), first, last)
         elif what == END:
             damp(first, last, slow, slow_spin, v)
-            drift(first, last, 0.5 * h, v, x, y, angle)
+            drift(first, last, h - crew.numbers[6], v, x, y, angle)
         elif what == LIST:
             pairs, left = magnets_from(
                 magnets, work.pairs, k.n, tiles.glues, x, y, work.c, work.s, work.need,

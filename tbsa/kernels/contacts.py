@@ -74,6 +74,8 @@ SPARE = 0.02
 # Tiles that turn further than this in a substep together (rad) may meet with other corners than
 # the nearest now: that is asked for (`meeting` in impacts.py), as for corners that pass each other.
 SWEPT = 0.1
+# So is what comes nearer by more than this (widths) as it goes along a sloping edge.
+SLOPING = 1e-3
 # What has been stopped by no more than this part of the tolerance was not pressed together.
 GRAZED = 1e-3
 # The solve leaves a point with this velocity alone (m/s): there is none.
@@ -135,6 +137,19 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> 
             h * (wb - wa if of_a else wa - wb))
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h2 * bend0, per_h2 * bend1
         swept = (count > 0.5) & (min(gap0, gap1) < way) & (h * (abs(wa) + abs(wb)) > SWEPT)
+        # At the end of a face an edge slopes on to a corner beside it, that comes to lie over it;
+        # what is near is left to the solve, in which that changes little.
+        ca, sa, cb, sb = r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i]
+        cos, sin = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
+        deeper = min(cos, sin) / max(cos, sin) * abs(
+            h * (nx * vy_ab - ny * vx_ab + bt * wb - at * wa))
+        along = h * (nx * vx_ab + ny * vy_ab)
+        ends0 = abs(an0 if of_a else bn0) > 0.4999 * width
+        ends1 = abs(an1 if of_a else bn1) > 0.4999 * width
+        below = ((ends0 & (gap0 + along + h * (bn0 * wb - an0 * wa) < deeper))
+                 | (ends1 & (gap1 + along + h * (bn1 * wb - an1 * wa) < deeper)))
+        swept |= ((count > 0.5) & (min(gap0, gap1) > SPARE * width)
+                  & (deeper > SLOPING * width) & below)
         r[o + HIT + i] = 1.0 if swept | ((miss > 0.0) & (miss < way)) else 0.0
         count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
         id1 = -1.0 if count < 1.5 else id1

@@ -87,24 +87,28 @@ def _clashes(scene: Scene, layout: Layout) -> bool:
     """Whether tiles come into each other or the wall before anything has looked ahead.
 
     That is in the first half of the first substep, at the velocities that they begin with, and by
-    more than the slop; a run then begins with an eighth of a substep.
+    more than the slop; a run then begins with an eighth of a substep, and looks ahead at once.
     """
-    body, time = scene.material, 0.5 * scene.solver.step / scene.solver.substeps
-    moves = np.where(layout.held, 0.0, time)
+    body, half = scene.material, 0.5 * scene.solver.step / scene.solver.substeps
+    moves = np.where(layout.held, 0.0, half)
     swept = moves * (np.hypot(layout.vx, layout.vy)
                      + math.sqrt(0.5) * body.width * np.abs(layout.omega))
-    if 2.0 * swept.max(initial=0.0) <= SLOP * body.width:
+    most, slop = float(swept.max(initial=0.0)), SLOP * body.width
+    if 2.0 * most <= slop:
         return False
-    x, y = layout.x + moves * layout.vx, layout.y + moves * layout.vy
-    angle = layout.angle + moves * layout.omega
-    if not inside(scene.reactor, body.width, x, y, angle, SLOP * body.width).all():
-        return True
-    i, j = near(x, y, x, y, math.sqrt(2.0) * body.width)
+    i, j = near(layout.x, layout.y, layout.x, layout.y, math.sqrt(2.0) * body.width + 2.0 * most)
     i, j = i[i < j], j[i < j]
-    now = depth(body.width, x[j] - x[i], y[j] - y[i], angle[i], angle[j])
-    x, y, angle = layout.x, layout.y, layout.angle
-    before = depth(body.width, x[j] - x[i], y[j] - y[i], angle[i], angle[j])
-    return bool((now > np.maximum(before, SLOP * body.width)).any())
+    deep = slop
+    for part in np.linspace(0.0, 1.0, 9):  # what passes by a corner, too
+        x, y, angle = (layout.x + part * moves * layout.vx, layout.y + part * moves * layout.vy,
+                       layout.angle + part * moves * layout.omega)
+        if part > 0.0 and not inside(scene.reactor, body.width, x, y, angle, slop).all():
+            return True
+        now = depth(body.width, x[j] - x[i], y[j] - y[i], angle[i], angle[j])
+        if part > 0.0 and (now > deep).any():
+            return True
+        deep = np.maximum(deep, now) if part == 0.0 else deep
+    return False
 
 
 class Simulation:
@@ -172,7 +176,7 @@ class Simulation:
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
                                 np.array([scene.solver.passes,  # as if it had not been calm
-                                          1 if _clashes(scene, layout) else core.TICKS, 0]),
+                                          0 if _clashes(scene, layout) else core.TICKS, 0]),
                                 empty_impulses(self._capacity[core.MORE_ROWS]))
         types = scene.types
         self.tiles = core.Tiles(
