@@ -96,18 +96,19 @@ def _clashes(scene: Scene, layout: Layout) -> bool:
     most, slop = float(swept.max(initial=0.0)), SLOP * body.width
     if 2.0 * most <= slop:
         return False
-    i, j = near(layout.x, layout.y, layout.x, layout.y, math.sqrt(2.0) * body.width + 2.0 * most)
+    reach = math.sqrt(2.0) * body.width + 2.0 * min(most, body.width)  # faster ones are refused
+    i, j = near(layout.x, layout.y, layout.x, layout.y, reach)
     i, j = i[i < j], j[i < j]
-    deep = slop
+    deepest = np.full(i.size, slop)
     for part in np.linspace(0.0, 1.0, 9):  # what passes by a corner, too
         x, y, angle = (layout.x + part * moves * layout.vx, layout.y + part * moves * layout.vy,
                        layout.angle + part * moves * layout.omega)
-        if part > 0.0 and not inside(scene.reactor, body.width, x, y, angle, slop).all():
+        deep = depth(body.width, x[j] - x[i], y[j] - y[i], angle[i], angle[j])
+        if part == 0.0:
+            deepest = np.maximum(deepest, deep)
+        elif ((deep > deepest).any()
+              or not inside(scene.reactor, body.width, x, y, angle, slop).all()):
             return True
-        now = depth(body.width, x[j] - x[i], y[j] - y[i], angle[i], angle[j])
-        if part > 0.0 and (now > deep).any():
-            return True
-        deep = np.maximum(deep, now) if part == 0.0 else deep
     return False
 
 
