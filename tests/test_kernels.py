@@ -34,6 +34,7 @@ from tbsa.kernels.bodies import Numbers
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.geometry import CIRCLE, RECTANGLE
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
+from tbsa.kernels.queue import empty_queue, put, take
 from tbsa.kernels.rows import (
     ALONE,
     BLOCK,
@@ -802,16 +803,58 @@ print(json.dumps([values, int(s.counts.impacts[0]), int(s.counts.rows[0])]))
 """
 
 
-def test_the_kernels_without_the_compiler_give_the_same_numbers():
-    """Three tiles, magnets, floor, wall and collisions: the same to 1e-12 as plain Python."""
+def test_the_kernels_without_the_compiler_give_the_same_numbers(tmp_path):
+    """Three tiles, magnets, floor, wall and collisions: the same to 1e-12 as plain Python, which
+    needs nothing that was compiled before."""
     root = PACKAGE.parent
     for law in ('"separate"', '"exact"'):
         code = SMALL.replace("LAW", law)
         fast, impacts, rows = python(code, root)
-        slow, *same = python(code, root, NUMBA_DISABLE_JIT="1")
+        slow, *same = python(code, root, NUMBA_DISABLE_JIT="1", TBSA_CACHE_DIR=str(tmp_path))
         assert same == [impacts, rows]
         assert impacts > 0
         assert np.array(slow) == pytest.approx(np.array(fast), rel=1e-12, abs=1e-14)
+
+
+# What hits next.
+
+
+def through_a_queue(queue, rows, times):
+    """Put these rows to these times in turn, a time < 0 standing for the next one to be taken; then
+    take all that are left.  In the order in which they came."""
+    came = np.empty(0, np.int64)
+    for i in range(rows.size):
+        if times[i] >= 0.0:
+            put(queue, rows[i], times[i])
+        elif queue.size[0] > 0:
+            came = np.append(came, take(queue))
+    while queue.size[0] > 0:
+        came = np.append(came, take(queue))
+    return came
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rows_leave_the_queue_by_their_last_time_and_number(seed):
+    """Against a dictionary that is searched; many times are equal, many rows put again."""
+    rng = np.random.default_rng(seed)
+    rows, times = rng.integers(0, 30, 400), rng.integers(-4, 12, 400) / 8.0
+    queue, waiting, expected = empty_queue(30), {}, []
+
+    def following():
+        row = min(waiting, key=lambda each: (waiting[each], each))
+        expected.append(row)
+        del waiting[row]
+
+    for row, at in zip(rows.tolist(), times.tolist(), strict=True):
+        if at >= 0.0:
+            waiting[row] = at
+        elif waiting:
+            following()
+    while waiting:
+        following()
+    assert len(expected) > 100
+    assert jit.njit(through_a_queue)(queue, rows, times).tolist() == expected
+    assert not queue.place.any()
 
 
 # Helpers and arrays.
