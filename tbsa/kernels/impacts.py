@@ -435,17 +435,22 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
                 z: Scratch, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
     """A row from where its tiles are now, and whether it hits at their new velocities.
 
-    It is placed with its block, whose other rows, far away perhaps, stay as they are.
+    It is placed with its block, whose other rows, if there are any, far away perhaps, stay as they
+    are.
     """
     r, kept, block, lane = rows.field, z.kept, row // WIDE, U(row % WIDE)
-    first, single = U(block) * BLOCK, rows.single[block]
-    for i in range(BLOCK):
-        kept[i] = r[first + i]
+    first, single, others = U(block) * BLOCK, rows.single[block], False
+    for i in range(LANES):
+        others |= (i != lane) & (r[first + MA + i] + r[first + MB + i] != 0.0)
+    if others:
+        for i in range(BLOCK):
+            kept[i] = r[first + i]
     place_block(rows, block, k, gain, x, y, c, s, v)
     weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, gain)
-    for field in range(ZERO, BLOCK, LANES):
-        for i in range(LANES):
-            r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
+    if others:
+        for field in range(ZERO, BLOCK, LANES):
+            for i in range(LANES):
+                r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
     hits, lone = 0, 0
     for i in range(LANES):
         hits += 1 if r[first + HIT + i] != 0.0 else 0
