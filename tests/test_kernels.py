@@ -347,6 +347,20 @@ def test_threads_do_not_change_a_bit(side, threads, options):
         assert (a[:size] == b[:size]).all()
 
 
+def test_a_first_step_that_lacks_space_is_begun_again_as_it_was():
+    """Tiles that fly at each other from nearby, which are looked at before anything moves."""
+    close = scene([tile(1.05 * WIDTH * i, vx=3.0 * (-1) ** i) for i in range(40)])
+    roomy, narrow = Simulation(close), Simulation(close)
+    assert roomy.state.last[1] == 0
+    narrow._capacity = dict.fromkeys(narrow._capacity, 8)
+    narrow._work = narrow._space()
+    for s in (roomy, narrow):
+        s.advance(3)
+    assert min(narrow._capacity.values()) > 8
+    assert roomy.counts.impacts[0] > 20
+    assert (state(roomy) == state(narrow)).all()
+
+
 def test_threads_whose_lists_outgrow_their_space_change_no_bit_either():
     chosen = field_of_tiles(40)
     alone, shared = Simulation(chosen), Simulation(chosen, threads=2)
@@ -547,10 +561,10 @@ def test_joined_substeps_do_not_depend_on_how_a_run_is_cut(substeps):
               body=Material(), step=1 / 120, substeps=substeps, tolerance=2e-2, passes=40),
         seed=Seed(cells), free=Free((("black", 20), ("white", 20))), run=Run(seed=7))
     whole, cut = Simulation(calm), Simulation(calm)
-    whole.advance(2400)
-    for _ in range(240):
+    whole.advance(3600)
+    for _ in range(360):
         cut.advance(10)
-    assert whole.counts.joined[0] > 50
+    assert whole.counts.joined[0] > 100
     assert (state(whole) == state(cut)).all()
 
 

@@ -99,7 +99,7 @@ def smooth():
 
 
 def test_smooth_tiles_under_a_strong_torque_overlap_by_a_hundredth(smooth):
-    """Corners that sweep through where others are hit them: 0.75 % of the width in the mean of 96
-    runs, 1.0 % in the worst of them."""
+    """Corners that sweep through where others are hit them: 0.77 % of the width in the mean of 96
+    runs, 1.1 % in the worst of them."""
     assert np.mean(smooth) < 0.01
     assert max(smooth) < 0.015

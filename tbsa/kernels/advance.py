@@ -880,7 +880,7 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
         scale_to(rows, np.int64(TICKS))
         done += 1
         counts.steps[0] += 1
-    last[1] = promised
+    last[1] = 0 if fresh else promised  # of a first step that lacked space it is still to come
     keep_impulses(k, rows, state, work.crew)
     copy(vx, state.vx, n + 1)
     copy(vy, state.vy, n + 1)
