@@ -21,7 +21,19 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from llvmlite.binding import Linkage
 from numba.core.errors import TypingError
-from scenes import CHESSBOARD, WIDTH, material, moving_rows, scene, simulate, state, tile, turned
+from scenes import (
+    CHESSBOARD,
+    INERTIA,
+    MASS,
+    WIDTH,
+    material,
+    moving_rows,
+    scene,
+    simulate,
+    state,
+    tile,
+    turned,
+)
 from twins import all_magnet_forces, near_pairs, separations
 
 import tbsa
@@ -665,6 +677,43 @@ def test_magnet_forces_are_the_sum_over_all_pairs_of_magnets(name, n, cutoff, se
         cutoff, law._replace(cutoff=math.inf))
     assert np.array(s.magnet_forces()) == pytest.approx(
         expected, abs=1e-12 * np.abs(expected).max() + rounding)
+
+
+@pytest.mark.parametrize("cutoff", [0.03, 0.07])
+@pytest.mark.parametrize("step", [1 / 30, 1 / 240])
+def test_the_forces_on_what_turns_far_are_the_mean_of_its_way(cutoff, step):
+    """Of every pair of tiles at so many places, evenly in time, that none of the two turns by more
+    than 0.15 rad from one to the next, as they go at the beginning; of what turns less in all, in
+    the middle alone.  Nine tiles that do not touch, one held, half a turn in a step and less and
+    more; more than 64 places in one case.  After one step."""
+    rng = np.random.default_rng(5)
+    x, y = 1.9 * WIDTH * (np.indices((3, 3)).reshape(2, -1) + rng.uniform(-0.1, 0.1, (2, 9)))
+    angle, vx, vy = rng.uniform(-7.0, 7.0, 9), *(0.2 / 240 / step * rng.normal(size=(2, 9)))
+    spin = np.array([0.0, 0.1, -0.3, 1.0, -3.2, 7.0, 12.0, 0.0, 0.14]) / step
+    kinds = rng.integers(0, 2, 9)
+    tiles = [tile(*each[:6], kind=CHESSBOARD[k].name, held=i == 7) for i, (*each, k) in enumerate(
+        zip(x, y, angle, vx, vy, np.where(np.arange(9) == 7, 0.0, spin), kinds, strict=True))]
+    tiles[7] = replace(tiles[7], velocity=(0.0, 0.0))
+    s = simulate(tiles, types=CHESSBOARD, magnet=Magnet(cutoff=cutoff), step=step,
+                 body=material(mass=500 * MASS))  # so that they come no nearer
+    x, y, angle, vx, vy, spin = state(s)
+    law = magnets.Law(cutoff=cutoff, switch=0.1)
+    expected = np.zeros((3, 9))
+    for a, b in itertools.combinations(range(9), 2):
+        places = min(max(math.ceil(max(abs(spin[a]), abs(spin[b])) * step / 0.15), 1), 64)
+        for t in (np.arange(places) + 0.5) * step / places:
+            pose_a, pose_b = ((x[i] + t * vx[i], y[i] + t * vy[i], angle[i] + t * spin[i])
+                              for i in (a, b))
+            fx, fy, torque_a, torque_b = magnets.pair_force(
+                pose_a, CHESSBOARD[kinds[a]].glues, pose_b, CHESSBOARD[kinds[b]].glues, law)
+            expected[:, a] += np.array([-fx, -fy, torque_a]) / places
+            expected[:, b] += np.array([fx, fy, torque_b]) / places
+    expected[:, 7] = 0.0
+    s.advance(1)
+    assert s.counts.impacts[0] == 0
+    found = (state(s)[3:] - (vx, vy, spin)) / step * 500 * np.array([[MASS], [MASS], [INERTIA]])
+    size = np.abs(expected).max(axis=1, keepdims=True)
+    assert (np.abs(found - expected) / size).max() < 1e-9  # of the differences of velocities
 
 
 def test_magnet_forces_are_those_on_held_tiles_too():

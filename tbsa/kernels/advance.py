@@ -4,7 +4,8 @@ One step of length H, of second order in free flight, has two halves (one part, 
 substeps is odd), each of length P:
 
     lists   near pairs of magnets, for the middle of the half (kept while nobody has moved too far)
-    forces  magnets and drive, at x + P/2 v: the middle of the half
+    forces  magnets and drive, at x + P/2 v: the middle of the half; where a tile turns far, the
+            mean of those of the magnets on its way             (magnets.py, mean_forces.py)
 
 after the forces of the first half, once a step:
 
@@ -97,6 +98,7 @@ from tbsa.kernels.magnets import (
     pull,
     react,
 )
+from tbsa.kernels.mean_forces import add_mean_forces, any_turns_far, put_away
 from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, stale
 from tbsa.kernels.projection import SLOP, find_deep, project
 from tbsa.kernels.rows import (
@@ -515,7 +517,8 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
 def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: MagnetLaw,
                  x: np.ndarray, y: np.ndarray, angle: np.ndarray, ahead: int, work: Work,
                  counts: Counts) -> int:
-    """Bring the list of magnet pairs up to date for the places at a time `half` from now.
+    """Bring the list of magnet pairs up to date for the places at a time `half` from now, or where
+    tiles turn far, up to twice that time.
 
     So no pair within the cut-off is ever missing, whatever the age of the list.  Returns an
     error word.
@@ -523,10 +526,11 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     need, turning, pace, speed, near = (work.need, work.turning, work.pace, work.speed,
                                         work.magnets)
     vx, vy, w = work.bodies.vx, work.bodies.vy, work.bodies.w
+    until = 2.0 * half if any_turns_far(k.n, w, 2.0 * half) else half
     for i in range(U(k.n)):
         pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
         speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
-        need[i], turning[i] = half * pace[i], half * speed[i]
+        need[i], turning[i] = until * pace[i], until * speed[i]
     if (ahead * k.keep_lists == ahead
             and not magnets_stale(near, k.n, law.offset, x, y, angle, need, turning)):
         return OK
@@ -558,6 +562,7 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
         mid_angle[i] = angle[i] + half * w[i]
         fx[i] = fy[i] = torque[i] = 0.0
     if law.cutoff > 0.0:
+        put_away(work.magnets, w, 2.0 * half, begin, end)
         turn(begin, end, mid_angle, work.c, work.s)
         place_magnets(work.magnets, law.offset, midx, midy, work.c, work.s, begin, end)
 
@@ -599,6 +604,8 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
     collect(crew)
     if law.cutoff > 0.0:
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
+        if any_turns_far(n, w, 2.0 * half):
+            add_mean_forces(law, work.magnets, 2.0 * half, x, y, angle, v, fx, fy, torque)
     if k.driven != 0:
         drive(t, parameters, whole(midx, n), whole(midy, n), whole(mid_angle, n), whole(vx, n),
               whole(vy, n), whole(w, n), whole(tiles.family, n), whole(tiles.forward, n),
