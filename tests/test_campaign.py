@@ -628,8 +628,9 @@ def test_a_damaged_run_is_told_of_not_done_anew(here, whole):
         '"time": 8.0', '"time": 6.0'))
     result = done("campaign.toml", "out", resume=True)
     assert result.failed == 1
-    assert "checkpoint.npz" not in result.table["message"].iloc[-1]  # no names of folders
-    assert "is damaged" in result.table["message"].iloc[-1]
+    message = result.table["message"].iloc[-1]
+    assert message.startswith("checkpoint.npz: is damaged")
+    assert "other" not in message  # no names of folders
     assert (victim / "checkpoint.npz").read_bytes() == b"PK?"
 
 
@@ -668,7 +669,8 @@ def test_a_damaged_run_json_is_made_anew_or_told_of(here, whole, changes):
                                   if value is not None}))
     result = done("campaign.toml", "out", resume=True)
     if "wall" in changes:
-        assert result.table["message"].iloc[-1].startswith("wall: 'long' is damaged")
+        assert result.table["message"].iloc[-1].startswith(
+            "run.json: wall: 'long' is damaged")
     else:
         assert tables("out") == tables(whole)
 
@@ -890,10 +892,69 @@ def test_killed_twenty_times_at_random_it_gives_the_same_table(here, monkeypatch
 def test_killed_before_it_was_a_run_it_begins_anew(here, whole):
     shutil.copytree(whole, "out")
     (victim,) = Path("out/runs/other").iterdir()
-    (victim / "run.json").unlink()  # what a kill in the first moment leaves
-    (victim / "checkpoint.npz").unlink()
+    for name in ("run.json", "checkpoint.npz", "metrics.csv"):
+        (victim / name).unlink()
+    with open(victim / "records.npy", "r+b") as file:
+        file.truncate(1000)  # what a kill in the first moment leaves
     done("campaign.toml", "out", resume=True)
     assert tables("out") == tables(whole)
+
+
+@pytest.mark.parametrize("name", ["runs", ".locks"])
+def test_a_file_in_the_place_of_a_folder_is_told_of_first(here, whole, capsys, name):
+    shutil.copytree(whole, "out")
+    shutil.rmtree(f"out/{name}")
+    Path("out", name).touch()
+    before = tables("out")
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
+    assert f"out/{name}: must be a folder" in capsys.readouterr().err
+    assert tables("out") == before
+
+
+@pytest.mark.parametrize("name", ["table.csv", "curves.csv", "wall.csv"])
+def test_a_folder_in_the_place_of_a_table_is_told_of_first(here, whole, capsys, name):
+    shutil.copytree(whole, "out")
+    Path("out", name).unlink()
+    Path("out", name).mkdir()
+    assert main(["campaign", "campaign.toml", "--out", "out", "--resume"]) == 2
+    assert f"out/{name}: must be a file, and is a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("duration", ["nan", "inf", "1e400", "-5", "long", ""])
+def test_a_table_whose_durations_are_none_is_refused(here, whole, capsys, duration):
+    rows = (whole / "table.csv").read_text().splitlines()
+    at = rows[0].split(",").index("duration")
+    cells = rows[1].split(",")
+    cells[at] = duration
+    Path("elsewhere.csv").write_text("\n".join([rows[0], ",".join(cells), *rows[2:]]) + "\n")
+    assert main(["campaign", "campaign.toml", "--out", "new", "--except", "elsewhere.csv"]) == 2
+    assert "elsewhere.csv: must be the table.csv of a campaign" in capsys.readouterr().err
+    assert not Path("new").exists()
+
+
+def test_two_hundred_thousand_seeds_are_refused_at_once(here, capsys):
+    Path("many.toml").write_text(f"""scene = "scene.toml"
+seeds = {list(range(200_001))}
+[[group]]
+name = "a"
+""")
+    begin = time.monotonic()
+    assert main(["campaign", "many.toml", "--out", "new"]) == 2
+    assert "seeds: 200001 must have at most" in capsys.readouterr().err
+    assert time.monotonic() - begin < 10.0
+
+
+def test_a_run_that_has_lost_its_run_json_is_told_of_and_stays(here, whole):
+    shutil.copytree(whole, "out")
+    (victim,) = Path("out/runs/other").iterdir()
+    (victim / "run.json").unlink()
+    (victim / "notes.txt").write_text("mine")
+    before = {path.name: path.read_bytes() for path in victim.iterdir()}
+    result = done("campaign.toml", "out", resume=True)
+    assert result.failed == 1
+    assert result.table["message"].iloc[-1] == (
+        "must be a new or an empty folder, or that of a run, which has a run.json")
+    assert {path.name: path.read_bytes() for path in victim.iterdir()} == before
 
 
 def test_killed_between_a_run_and_its_metrics_they_are_made_on_resume(here, whole):

@@ -570,6 +570,15 @@ def changed_checkpoint(run, **changes):
     ({"fingerprint": "0" * 64}, "fingerprint: '000000000000' belongs to another scene or seed"),
     ({"x": np.zeros(3)}, "must hold 31 finite numbers a field"),
     ({"omega": np.full(31, np.nan)}, "must hold 31 finite numbers a field"),
+    ({"x": np.full(31, 1j)}, "must hold 31 finite numbers a field"),
+    ({"x": np.full(31, "1")}, "must hold 31 finite numbers a field"),
+    ({"steps": -5}, "steps: is damaged: must be 1 finite int64"),
+    ({"steps": 1.5}, "steps: is damaged"), ({"steps": np.nan}, "steps: is damaged"),
+    ({"steps": np.zeros(2, int)}, "steps: is damaged"),
+    ({"last": np.full(3, "1")}, "last: is damaged: must be 3 finite int64"),
+    ({"impulse_b": np.zeros(1, int)}, "impulse_b: is damaged"),
+    ({"count_overlap": np.zeros(4, int)}, "count_overlap: is damaged: must be 5 finite int64"),
+    ({"count_passes": np.full(1, "1")}, "count_passes: is damaged"),
 ])
 def test_a_checkpoint_with_wrong_contents_is_refused(run, here, capsys, changes, words):
     changed_checkpoint(run, **changes)
@@ -577,6 +586,27 @@ def test_a_checkpoint_with_wrong_contents_is_refused(run, here, capsys, changes,
                    "--resume")
     assert line.startswith("tbsa: run/checkpoint.npz: ")
     assert words in line
+
+
+@pytest.mark.parametrize("kind", [-1, 99])
+def test_a_layout_with_types_that_are_none_is_refused(run, here, capsys, kind):
+    with np.load(run / "layout.npz") as data:
+        arrays = dict(data)
+    arrays["type"][3] = kind
+    np.savez(run / "layout.npz", **arrays)
+    for command in (["metrics", "run"], ["draw", "run"],
+                    ["run", "scene.toml", "--out", "run", "--resume"]):
+        assert "run/layout.npz: type: is damaged: types must be from 0 to 1" in refused(
+            capsys, here, *command)
+
+
+@pytest.mark.parametrize("time", [np.nan, np.inf, 0.0, -1.0])
+def test_records_whose_time_does_not_go_on_are_refused(run, here, capsys, time):
+    data = np.load(run / "records.npy", mmap_mode="r+")
+    data["time"][1] = time
+    data.flush()
+    assert "run/records.npy: time: is damaged: must go on from record to record" in refused(
+        capsys, here, "metrics", "run")
 
 
 def test_a_checkpoint_of_another_seed_is_refused(run, here, capsys):

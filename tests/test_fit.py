@@ -1,5 +1,6 @@
 """The fit of magnet models: theory/fit.py, the command `tbsa fit`, and what it refuses."""
 
+import errno
 import itertools
 import os
 import re
@@ -843,8 +844,22 @@ def test_a_scene_is_written_last(here, capsys):
                   "--out", "good.csv/x")
     assert "--out: 'good.csv/x' must be a folder that can be made" in err
     (here / "fits" / "fit.png").mkdir(parents=True)  # a folder where a file is to be
-    assert run("good.csv", "--inset", "1mm", "--scene", "scene.toml", "--out", "fits") == 1
+    err = refused(capsys, here, "good.csv", "--inset", "1mm", "--scene", "scene.toml",
+                  "--out", "fits")
+    assert "--out: 'fits/fit.png' must be a file, and is a folder" in err
+    assert [path.name for path in (here / "fits").iterdir()] == ["fit.png"]
     assert (here / "scene.toml").read_text() == text
+
+
+def test_a_fit_shows_its_result_though_its_picture_cannot_be_written(here, capsys, monkeypatch):
+    from tbsa.model import records
+
+    def full(path, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(records, "write_atomically", full)
+    assert run("good.csv", "--inset", "1.5mm") == 1
+    assert "alpha" in capsys.readouterr().out
 
 
 def test_a_scene_that_may_not_be_written_is_refused(here, capsys):
@@ -1109,6 +1124,14 @@ def test_an_earlier_section_does_not_outlive_a_fit_that_has_none(here):
     assert (here / "fits" / "square-law" / "magnet.toml").exists()
     assert run("square.csv", "--inset", "0mm", "--fix", "beta=0") == 0
     assert not (here / "fits" / "square-law" / "magnet.toml").exists()
+
+
+@pytest.mark.parametrize("text", ["# mine\n", "[magnet]\nalpha = 1e-5\nbeta = 6e-3\n", ""])
+def test_a_section_that_no_fit_has_written_stays(here, text):
+    (here / "fits").mkdir()
+    (here / "fits" / "magnet.toml").write_text(text)
+    assert run("good.csv", "--inset", "1mm", "--model", "power", "--out", "fits") == 0
+    assert (here / "fits" / "magnet.toml").read_text() == text
 
 
 def test_the_python_functions_do_what_the_command_does(here, capsys):

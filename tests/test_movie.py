@@ -215,6 +215,9 @@ def test_what_ffmpeg_says_is_passed_on(tmp_path, monkeypatch):
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RuntimeError, match=r"run\.mp4: ffmpeg failed: no such codec"):
+        movie(records(), tmp_path / "run.mp4", size=300)
+    program.write_text(f"#!{sys.executable}\nimport sys\nsys.exit(3)\n")
+    with pytest.raises(RuntimeError, match=r"run\.mp4: ffmpeg failed: it ended with 3"):
         movie(records(), tmp_path / "run.mp4")
     assert list(tmp_path.iterdir()) == [program]
 

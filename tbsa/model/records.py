@@ -322,10 +322,19 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
             f"belongs to another scene or seed: this one has {mark[:12]}", file=str(path),
             field="fingerprint", value=str(data["fingerprint"])[:12],
         )
-    n = simulation.numbers.n
-    if any(data[name].shape != (n,) or not np.isfinite(data[name]).all() for name in FIELDS):
+    n, size = simulation.numbers.n, data["impulse_a"].size
+    if any(data[name].shape != (n,) or data[name].dtype != float
+           or not np.isfinite(data[name]).all() for name in FIELDS):
         raise InputError(f"is damaged: must hold {n} finite numbers a field", file=str(path))
-    size = data["impulse_a"].size
+    kinds = {"steps": np.zeros((), int), "last": state.last,
+             **{f"impulse_{name}": np.zeros(size, getattr(state.impulses, name).dtype)
+                for name in names},
+             **{f"count_{name}": getattr(counts, name) for name in _kept(simulation)}}
+    for name, kind in kinds.items():
+        if (data[name].shape != kind.shape or data[name].dtype != kind.dtype
+                or not np.isfinite(data[name]).all() or (name == "steps" and data[name] < 0)):
+            raise InputError(f"is damaged: must be {kind.size} finite {kind.dtype}", file=str(path),
+                             field=name)
     while state.impulses.a.size < size:
         simulation._grow(MORE_ROWS)
         state = simulation.state
@@ -393,6 +402,9 @@ def _read_layout(folder: Path, scene: Scene) -> Layout:
     kinds = dict.fromkeys(FIELDS, "f") | {"type": "i", "held": "b", "seed": "b"}
     if any(data[name].shape != (n,) or data[name].dtype.kind != kinds[name] for name in _LAYOUT):
         raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
+    if n > 0 and not 0 <= layout.type.min() <= layout.type.max() < len(scene.types):
+        raise InputError(f"is damaged: types must be from 0 to {len(scene.types) - 1}",
+                         file=str(path), field="type")
     return layout
 
 
@@ -412,6 +424,9 @@ def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
             not np.array_equal(data[name][0], getattr(layout, name)) for name in FIELDS):
         raise InputError("does not begin with this run's layout.npz: from another run",
                          file=str(path))
+    if not (np.diff(data["time"]) > 0.0).all() or not np.isfinite(data["time"][-1]):
+        raise InputError("is damaged: must go on from record to record", file=str(path),
+                         field="time")
     return data
 
 
@@ -643,7 +658,8 @@ def _check_new(folder: Path, n: int) -> list[Path]:
     left = [path for path in there if path != records]
     if there and not (begun and all((_of_scratch(path) or path.name) in REPLACED
                                     for path in left)):
-        raise InputError("must be a new or an empty folder", file=str(folder))
+        lost = ", or that of a run, which has a run.json" if records in there else ""
+        raise InputError(f"must be a new or an empty folder{lost}", file=str(folder))
     return left
 
 

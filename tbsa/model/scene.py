@@ -743,7 +743,8 @@ def _check_engine(scene: Scene) -> None:
               f"must be a Python file, its path relative to the scene's file: {reason}")
     except SyntaxError as error:
         _fail(scene, "drive.module", module,
-              f"must be a Python file: {error.msg} (line {error.lineno})")
+              f"must be a Python file: {error.msg}"
+              + (f" (line {error.lineno})" if error.lineno is not None else ""))
     except (MemoryError, RecursionError):  # of the parser's own stack
         _fail(scene, "drive.module", module, "must be a Python file: it is nested too deeply")
     defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]

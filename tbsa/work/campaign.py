@@ -10,8 +10,8 @@ A campaign's folder holds
     .locks/        files that working processes hold locked
 
 A run is done when its records have reached its duration, in whole steps, and its metrics.csv is
-written.  What of run.json and metrics.csv cannot be read is made anew from the checkpoint.  The
-tables are made anew from what the runs' folders hold, so they are the same to the bit however
+written.  A metrics.csv that cannot be read is made anew, and so are time and counts of run.json.
+The tables are made anew from what the runs' folders hold, so they are the same to the bit however
 often the campaign was broken off.
 
 Any `concurrent.futures.Executor` will do whose workers see the same folder.  The process that
@@ -27,7 +27,6 @@ import json
 import math
 import multiprocessing
 import os
-import shutil
 import signal
 import socket
 import sys
@@ -52,7 +51,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tbsa.errors import InputError
 from tbsa.model.layout import initial_layout
-from tbsa.model.records import Busy, Stop, interrupts, locked, read_run, run, write_atomically
+from tbsa.model.records import (
+    Busy,
+    Stop,
+    interrupts,
+    locked,
+    may_be_filled,
+    read_run,
+    run,
+    write_atomically,
+)
 from tbsa.model.scene import Run, Scene
 from tbsa.model.simulation import Simulation, SimulationError, cores
 from tbsa.work.plan import Planned, read_plan
@@ -120,6 +128,7 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
     if jobs is not None and jobs < 1:
         raise InputError("must be at least 1", field="jobs", value=jobs)
     plan = read_plan(path)
+    _check_places(out)
     elsewhere = done_in(without, plan) if without is not None else set()
     mine = [each for each in share(plan, part) if each.name not in elsewhere]
     new = _against(plan, _stored(out, resume), str(path))
@@ -174,6 +183,12 @@ def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
     return [plan[k] for k in order if k in mine]
 
 
+def _seconds(text: str) -> float:
+    if not 0.0 <= float(text) < math.inf:
+        raise ValueError(f"duration {text} is no number of seconds")
+    return float(text)
+
+
 def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
     """The runs of a plan that a campaign's table, in this folder or another, has as done.
 
@@ -193,7 +208,7 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
         rows = pd.read_csv(path, dtype=str, keep_default_na=False)
         rows = rows[rows["status"] == DONE]
         names = ("group", "fingerprint", "settings", "duration", "version", "run")
-        ended = [(*each, float(duration), version, run)
+        ended = [(*each, _seconds(duration), version, run)
                  for *each, duration, version, run in zip(*(map(str, rows[name])
                                                             for name in names), strict=True)]
     except (OSError, ValueError, LookupError) as error:
@@ -226,6 +241,18 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
 
 # ---------------------------------------------------------------------------------------------
 # The plan, and what is in the folder already.
+
+
+def _check_places(out: Path) -> None:
+    """What a campaign writes can be written, as far as can be told beforehand."""
+    for place in (out / "runs", out / LOCKS, out):
+        if place != out and place.exists() and not place.is_dir():
+            raise InputError("must be a folder", file=str(place))
+        if not may_be_filled(place):
+            raise InputError("must be a folder that may be written", file=str(place))
+    for name in ("table.csv", "curves.csv", "wall.csv"):
+        if (out / name).is_dir():
+            raise InputError("must be a file, and is a folder", file=str(out / name))
 
 
 def _stored(out: Path, resume: bool) -> dict[str, dict[str, Any]] | None:
@@ -479,7 +506,7 @@ def _work(job: Job) -> tuple[str, str]:
     except KeyboardInterrupt:
         ended = False
     except Exception as error:
-        return FAILED, _message(error)
+        return FAILED, _message(error, job.folder)
     return (DONE if ended else STOPPED), ""
 
 
@@ -488,10 +515,9 @@ def _run(job: Job) -> bool:
     from tbsa.work.metrics import table
 
     begun = (job.folder / "run.json").exists()
-    if job.folder.exists() and not begun:
-        shutil.rmtree(job.folder)  # killed before it was a run
     metrics = job.folder / "metrics.csv"
-    metrics.unlink(missing_ok=True)
+    if begun:
+        metrics.unlink(missing_ok=True)
     outcome = run(job.scene, job.folder, resume=begun,
                   progress=lambda *_: not job.session.exists())
     if not outcome.finished:
@@ -503,11 +529,12 @@ def _run(job: Job) -> bool:
     return True
 
 
-def _message(error: Exception) -> str:
+def _message(error: Exception, folder: Path | None = None) -> str:
     """What went wrong, without names of folders, which differ between machines, and times that
-    differ between calls of one run."""
+    differ between calls of one run; a file of the run's own has its name."""
     if isinstance(error, InputError):
-        return error.without_file
+        file = Path(error.file or "")
+        return f"{file.name}: {error.without_file}" if file.parent == folder else error.without_file
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     if isinstance(error, SimulationError):

@@ -535,7 +535,12 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    from tbsa.model.records import check_not_own, may_be_filled, write_atomically
+    from tbsa.model.records import (
+        check_may_be_written,
+        check_not_own,
+        may_be_filled,
+        write_atomically,
+    )
     from tbsa.model.scene import load
     from tbsa.work import fit
     from tbsa.work.measurements import read
@@ -567,21 +572,22 @@ def _fit(arguments: argparse.Namespace) -> int:
             warnings.append(f"a scene does not take this law: {error}")
         if cut := fit.fading(result, None if scene is None else load(scene)):
             warnings.append(f"{'a scene' if scene is None else scene}: {cut}")
-    text = fit.describe(result)
     files[folder / "fit.png"] = fit.picture(result)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"must be a folder that can be made: {error.strerror}", field="--out",
                          value=str(folder)) from None
+    for path in (folder / "magnet.toml", folder / "fit.png"):
+        check_may_be_written(path, "--out")
+    print(fit.describe(result), *(f"warning: {each}" for each in warnings), "", sep="\n")
     for path, data in files.items():
         write_atomically(path, data)
-    if folder / "magnet.toml" not in files:
-        (folder / "magnet.toml").unlink(missing_ok=True)  # of an earlier fit
+    if folder / "magnet.toml" not in files and fit.is_section(folder / "magnet.toml"):
+        (folder / "magnet.toml").unlink()  # of an earlier fit
     if scene is not None:  # last: it is not the fit's own, and stays as it was if those fail
         write_atomically(scene, made)
         scene.chmod(stat.S_IMODE(mode))
-    print(text, *(f"warning: {each}" for each in warnings), "", sep="\n")
     print(f"written: {', '.join(map(str, [*files, *([scene] if scene is not None else [])]))}")
     return 0
 

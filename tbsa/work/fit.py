@@ -479,6 +479,16 @@ def section(result: Result) -> str:
     return text
 
 
+def is_section(path: Path) -> bool:
+    """Whether a file is there and is, as it stands, a section that a fit has written."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return False
+    return re.fullmatch(r"\[magnet\]\nalpha = \S+  # N m\^2; .+\nbeta = \S+  # m; .+\n"
+                        r"(inset = \S+  # m\n)?", text) is not None
+
+
 def fading(result: Result, scene: Scene | None = None) -> str:
     """What a scene's cut-off, or the default one, takes from the fitted law where tiles are bonded.
 

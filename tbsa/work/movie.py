@@ -187,7 +187,8 @@ def _mp4(frames: Iterator[Picture], path: Path, rate: float, ffmpeg: str) -> Non
                 process.kill()
                 raise
         if process.returncode != 0:
-            raise RuntimeError(f"{path}: ffmpeg failed: {said[-500:]}")
+            raise RuntimeError(f"{path}: ffmpeg failed: "
+                               f"{said[-500:] or f'it ended with {process.returncode}'}")
 
 
 def _feed(pipe: IO[bytes], frames: Iterator[Picture]) -> None:

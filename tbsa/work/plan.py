@@ -325,11 +325,15 @@ class _Reader:
             return list(range(value["first"], value["first"] + number))
         if not isinstance(value, list) or not value:
             self.fail(where, SEEDS, value)
+        if len(value) > LARGEST:
+            self.fail(where, f"must have at most {LARGEST} seeds", len(value))
+        there = set()
         for i, seed in enumerate(value):
             if message := rule(seed):
                 self.fail(f"{where}[{i}]", message, seed)
-            if seed in value[:i]:
+            if seed in there:
                 self.fail(f"{where}[{i}]", "must be there once", seed)
+            there.add(seed)
         return value
 
     def fields(self, where: str, table: Any, home: dict[str, str]) -> Fields:
