@@ -4,8 +4,8 @@ One step of length H, of second order in free flight, has two halves (one part, 
 substeps is odd), each of length P:
 
     lists   near pairs of magnets, for the middle of the half (kept while nobody has moved too far)
-    forces  magnets and drive, at x + P/2 v: the middle of the half; where a tile turns far, the
-            mean of those of the magnets on its way             (magnets.py, mean_forces.py)
+    forces  magnets and drive, at x + P/2 v: the middle of the half; where tiles turn far
+            as seen from each other, the mean of their way      (magnets.py, mean_forces.py)
 
 after the forces of the first half, once a step:
 
@@ -98,7 +98,7 @@ from tbsa.kernels.magnets import (
     pull,
     react,
 )
-from tbsa.kernels.mean_forces import add_mean_forces, any_turns_far, put_away
+from tbsa.kernels.mean_forces import add_mean_forces, any_turns_far
 from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, stale
 from tbsa.kernels.projection import SLOP, find_deep, project
 from tbsa.kernels.rows import (
@@ -562,7 +562,6 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
         mid_angle[i] = angle[i] + half * w[i]
         fx[i] = fy[i] = torque[i] = 0.0
     if law.cutoff > 0.0:
-        put_away(work.magnets, w, 2.0 * half, begin, end)
         turn(begin, end, mid_angle, work.c, work.s)
         place_magnets(work.magnets, law.offset, midx, midy, work.c, work.s, begin, end)
 

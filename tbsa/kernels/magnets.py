@@ -3,8 +3,8 @@
 The switch S(u) = 1 - 10 u^3 + 15 u^4 - 6 u^5 runs from 1 to 0 over the last part of the cut-off;
 force and first two derivatives are continuous there, so nothing jumps and energy is kept.
 
-Forces are those of the middle of the time that they act for; where a tile turns far in it, its
-magnets are left out here and have forces of their own (`mean_forces.py`).
+Forces are those of the middle of the time that they act for; where two tiles turn far in it as seen
+from each other, their mean is put in place of these (`mean_forces.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.arrays import columns, copy, lean, set_all
+from tbsa.kernels.arrays import columns, copy, lean
 from tbsa.kernels.crew import (
     LEAST_PAIRS,
     LEAST_ROOM,
@@ -56,6 +56,14 @@ def switch(u: float) -> float:
 
 
 @lane
+def pull_of(strength: float, r: float, fade: float, per_fade: float, beta: float) -> float:
+    """Force of two magnets over their distance r (N/m); two in one place have no direction, and
+    contact pushes such tiles apart."""
+    f = strength * switch((r - fade) * per_fade)
+    return float(f / (max(r, 1e-300) * (r + beta) * (r + beta)))
+
+
+@lane
 def polarity(glue_a: int, glue_b: int, mismatch: float) -> float:
     """p: +1 where g meets -g, 0 without a magnet, else `mismatch`."""
     p = 1.0 if glue_a == -glue_b else mismatch
@@ -83,14 +91,13 @@ class MagnetPairs(NamedTuple):
     q: np.ndarray
     strength: np.ndarray  # float64[capacity], N m^2, polarity times alpha
     size: np.ndarray  # int64[1], magnet pairs
-    fast: np.ndarray  # int32[FEW], scratch: some of those of tiles that turn far
+    far: np.ndarray  # int32[FEW], scratch: some of those of tiles that turn far
     ways: np.ndarray  # float64[WAY], ... and how they go, by fields of FEW (mean_forces.py)
     x: np.ndarray  # float64[n], m, rad, where the tiles were when they were listed
     y: np.ndarray
     angle: np.ndarray
     way: np.ndarray  # float64[n], m, how far the centre of each may go
     margin: np.ndarray  # float64[n], m, ... and its magnets; -1: never listed
-    away: np.ndarray  # float64[n], m, how far out of reach the magnets of a tile are put, or 0
     hx: np.ndarray  # float64[CHUNK or PORTION], scratch: from p to q (m), then force on p (N)
     hy: np.ndarray
     ax: np.ndarray  # float64[4 n], m, magnets as seen from the tiles' centres
@@ -109,7 +116,7 @@ def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> M
     lists = [np.zeros(size, np.int32) for size in [pairs] * 3 + [capacity] * 2]
     near = MagnetPairs._make([
         *lists[:3], *part, *lists[3:], np.zeros(capacity),
-        np.zeros(1, np.int64), np.zeros(FEW, np.int32), np.zeros(WAY), *columns(n, [float] * 6),
+        np.zeros(1, np.int64), np.zeros(FEW, np.int32), np.zeros(WAY), *columns(n, [float] * 5),
         hx, hy, *columns(4 * n, [float] * 6)])
     near.margin[:] = -1.0
     return near
@@ -146,20 +153,19 @@ def magnets_stale(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np
 def place_magnets(near: MagnetPairs, offset: float, x: np.ndarray, y: np.ndarray,
                   c: np.ndarray, s: np.ndarray, begin: int, end: int) -> None:
     """Where the magnets of these tiles are: N, E, S, W of every one.  No forces on them yet."""
-    ax, ay, mx, my, gx, gy, away = (near.ax, near.ay, near.mx, near.my, near.gx, near.gy,
-                                    near.away)
+    ax, ay, mx, my, gx, gy = near.ax, near.ay, near.mx, near.my, near.gx, near.gy
     for i in range(U(4) * U(begin), U(4) * U(end)):
         gx[i] = gy[i] = 0.0
     for i in range(U(begin), U(end)):
-        k, cd, sd, centre = U(4) * i, c[i] * offset, s[i] * offset, x[i] + away[i]
+        k, cd, sd = U(4) * i, c[i] * offset, s[i] * offset
         ax[k], ay[k] = -sd, cd
         ax[k + U(1)], ay[k + U(1)] = cd, sd
         ax[k + U(2)], ay[k + U(2)] = sd, -cd
         ax[k + U(3)], ay[k + U(3)] = -cd, -sd
-        mx[k], my[k] = centre - sd, y[i] + cd
-        mx[k + U(1)], my[k + U(1)] = centre + cd, y[i] + sd
-        mx[k + U(2)], my[k + U(2)] = centre + sd, y[i] - cd
-        mx[k + U(3)], my[k + U(3)] = centre - cd, y[i] - sd
+        mx[k], my[k] = x[i] - sd, y[i] + cd
+        mx[k + U(1)], my[k + U(1)] = x[i] + cd, y[i] + sd
+        mx[k + U(2)], my[k + U(2)] = x[i] + sd, y[i] - cd
+        mx[k + U(3)], my[k + U(3)] = x[i] - cd, y[i] - sd
 
 
 @inline
@@ -275,10 +281,7 @@ def pull(law: MagnetLaw, near: MagnetPairs, portion: int, begin: int, end: int) 
             hx[h + i], hy[h + i] = mx[q] - mx[p], my[q] - my[p]
         for i in range(part):  # on its own, so that it vectorises: 1.2 ns a pair instead of 3.5
             rx, ry = hx[h + i], hy[h + i]
-            r = math.sqrt(rx * rx + ry * ry)
-            # Two magnets in one place have no direction; contact pushes such tiles apart.
-            f = strength[o + i] * switch((r - fade) * per_fade)
-            f /= max(r, 1e-300) * (r + beta) * (r + beta)
+            f = pull_of(strength[o + i], math.sqrt(rx * rx + ry * ry), fade, per_fade, beta)
             hx[h + i], hy[h + i] = f * rx, f * ry
 
 
@@ -359,7 +362,6 @@ def magnet_forces(law: MagnetLaw, pairs: Pairs, glues: np.ndarray, x: np.ndarray
     n = x.size
     m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, margin, margin, near, crew)
     if m <= near.p.size:
-        set_all(near.away, 0.0)
         place_magnets(near, law.offset, x, y, c, s, 0, n)
         add_magnet_forces(law, n, near, fx, fy, torque, crew)
     return int(m)

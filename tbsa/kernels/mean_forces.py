@@ -1,10 +1,12 @@
-"""Magnet forces on tiles that turn far while these forces act: the mean of their way.
+"""Magnet forces between tiles that turn far, as seen from each other, while these forces act.
 
 Forces are found for the middle of half a step and act through all of it.  A tile that turns by a
 right angle from one middle to the next shows the same four magnets each time, as if it did not
-turn, and gets the energy of several bonds from what it passes.  The forces between such a tile and
-its neighbours are therefore taken at several places of the way that both go, evenly in time, and
-their mean acts: its work is the difference of the energies at both ends, as that of the true force.
+turn, and gets the energy of several bonds from what it passes.  The forces between such tiles are
+therefore taken at several places of the way that both go, evenly in time, and their mean acts: its
+work is the difference of the energies at both ends, as that of the true force.
+
+Tiles that turn as one, as those of a block do, see nothing of it.
 """
 
 from __future__ import annotations
@@ -16,13 +18,11 @@ import numpy as np
 from tbsa.kernels.bodies import Bodies
 from tbsa.kernels.geometry import cos_sin
 from tbsa.kernels.jit import ZERO, U, inline, lane
-from tbsa.kernels.magnets import FEW, WAY, MagnetLaw, MagnetPairs, switch
+from tbsa.kernels.magnets import FEW, WAY, MagnetLaw, MagnetPairs, pull_of
 
 # How far (rad) a tile turns at most from one place to the next, up to MOST_PLACES of them.
 FAR = 0.15
 MOST_PLACES = 64
-# Where the magnets of what turns further are for all the others meanwhile (m, times its number).
-AWAY = 1e6
 QUARTER = 0.5 * math.pi
 # Pairs of magnets are worked on so many at a time, a field of all of them next to each other: from
 # the centre of a's tile to that of b's, and how much further that is at the next place (m); the
@@ -32,58 +32,65 @@ QUARTER = 0.5 * math.pi
  TB) = (U(field) for field in range(0, WAY, FEW))
 
 
-@lane
-def turns_far(w: float, time: float) -> bool:
-    """Whether a tile of this spin (rad/s) turns too far in this time (s) for one place."""
-    return abs(w) * time > FAR
-
-
-@lane
-def put_away(near: MagnetPairs, w: np.ndarray, time: float, begin: int, end: int) -> None:
-    """Put the magnets of those of these tiles that turn far out of reach of all others."""
-    away = near.away
-    for i in range(U(begin), U(end)):
-        away[i] = AWAY * (1.0 + i) if turns_far(w[i], time) else 0.0
-
-
 @inline
 def any_turns_far(n: int, w: np.ndarray, time: float) -> bool:
-    """Whether any of n tiles does."""
+    """Whether any of n tiles turns so far in this time (s) that one place may not tell of it."""
     fastest = 0.0
     for i in range(U(n)):
         fastest = max(fastest, abs(w[i]))
-    return bool(turns_far(fastest, time))
+    return bool(fastest * time > FAR)
+
+
+@lane
+def places_of(x: np.ndarray, y: np.ndarray, v: Bodies, time: float, a: int, b: int) -> float:
+    """At how many places of their way in this time (s) the forces of two tiles are to be taken.
+
+    How far they turn counts from the line of their centres, which turns with tiles that turn as
+    one.
+    """
+    w = v.w
+    if max(abs(w[a]), abs(w[b])) * time <= FAR:
+        return 1.0
+    dx, dy = x[b] - x[a], y[b] - y[a]
+    line = ((dx * (v.vy[b] - v.vy[a]) - dy * (v.vx[b] - v.vx[a]))
+            / max(dx * dx + dy * dy, 1e-300))
+    turn = max(abs(w[a] - line), abs(w[b] - line)) * time
+    return float(min(max(math.ceil(turn / FAR), 1), MOST_PLACES))
 
 
 @inline
 def add_mean_forces(law: MagnetLaw, near: MagnetPairs, time: float, x: np.ndarray, y: np.ndarray,
                     angle: np.ndarray, v: Bodies, fx: np.ndarray, fy: np.ndarray,
                     torque: np.ndarray) -> None:
-    """Add the mean forces (N, N m) in this time (s) from now of all listed pairs with a tile that
-    turns far in it, as their tiles go from x, y, angle."""
-    p, q, away, fast = near.p, near.q, near.away, near.fast
-    size = ZERO
+    """Put the mean forces (N, N m) in this time (s) from now in place of those in its middle,
+    between tiles that turn far in it, as they go from x, y, angle."""
+    p, q, far, places_at = near.p, near.q, near.far, near.ways
+    size, last_a, last_b, places = ZERO, U(0), U(0), 1.0
     for i in range(near.size[0]):
-        # Written in any case and kept by moving on, as no branch can be foreseen.
-        fast[size] = i
-        size += 1 if away[U(p[i]) >> U(2)] + away[U(q[i]) >> U(2)] > 0.0 else 0
+        a, b = U(p[i]) >> U(2), U(q[i]) >> U(2)
+        if a != last_a or b != last_b:  # all pairs of magnets of two tiles stand together
+            places, last_a, last_b = places_of(x, y, v, time, a, b), a, b
+        far[size], places_at[U(size) + PLACES] = i, places
+        size += 1 if places > 1.0 else 0
         if size == FEW:
-            add_means(law, near, size, time, x, y, angle, v, fx, fy, torque)
+            exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
             size = ZERO
-    add_means(law, near, size, time, x, y, angle, v, fx, fy, torque)
+    if size > 0:
+        exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
 
 
 @inline
-def add_means(law: MagnetLaw, near: MagnetPairs, size: int, time: float, x: np.ndarray,
-              y: np.ndarray, angle: np.ndarray, v: Bodies, fx: np.ndarray, fy: np.ndarray,
-              torque: np.ndarray) -> None:
-    """The same of as many pairs, those noted in ``fast``."""
-    p, q, fast, r, strength = near.p, near.q, near.fast, near.ways, near.strength
-    vx, vy, w, most = v.vx, v.vy, v.w, ZERO
+def exchange(law: MagnetLaw, near: MagnetPairs, size: int, time: float, x: np.ndarray,
+             y: np.ndarray, angle: np.ndarray, v: Bodies, fx: np.ndarray, fy: np.ndarray,
+             torque: np.ndarray) -> None:
+    """The same for as many pairs of magnets, those noted in ``far``."""
+    p, q, far, r, strength = near.p, near.q, near.far, near.ways, near.strength
+    ax, ay, mx, my, vx, vy, w = near.ax, near.ay, near.mx, near.my, v.vx, v.vy, v.w
+    fade, beta, per_fade = law.fade, law.beta, 1.0 / max(law.cutoff - law.fade, 1e-300)
+    most = 0.0
     for k in range(U(size)):
-        i = U(fast[k])
-        a, b = U(p[i]) >> U(2), U(q[i]) >> U(2)
-        places = min(math.ceil(max(abs(w[a]), abs(w[b])) * time / FAR), MOST_PLACES)
+        i = U(far[k])
+        a, b, places = U(p[i]) >> U(2), U(q[i]) >> U(2), r[k + PLACES]
         most, part = max(most, places), time / places
         ux, uy, turn_a, turn_b = (part * (vx[b] - vx[a]), part * (vy[b] - vy[a]), part * w[a],
                                   part * w[b])
@@ -93,8 +100,11 @@ def add_means(law: MagnetLaw, near: MagnetPairs, size: int, time: float, x: np.n
         r[k + AX] = angle[a] + 0.5 * turn_a + QUARTER * (1.0 - (p[i] & 3))
         r[k + BX] = angle[b] + 0.5 * turn_b + QUARTER * (1.0 - (q[i] & 3))
         r[k + TURN_AC], r[k + TURN_BC] = turn_a, turn_b
-        r[k + STRENGTH], r[k + PLACES] = strength[i], places
-        r[k + FX] = r[k + FY] = r[k + TA] = r[k + TB] = 0.0
+        r[k + STRENGTH] = strength[i]
+        # The middle: where it is, and the arms, for the sums to begin with.
+        r[k + FX], r[k + FY] = mx[U(q[i])] - mx[U(p[i])], my[U(q[i])] - my[U(p[i])]
+        r[k + TA], r[k + TB] = (ax[U(p[i])] * r[k + FY] - ay[U(p[i])] * r[k + FX],
+                                ax[U(q[i])] * r[k + FY] - ay[U(q[i])] * r[k + FX])
     for k in range(U(size)):
         ca, sa = cos_sin(r[k + AX])
         cb, sb = cos_sin(r[k + BX])
@@ -102,27 +112,29 @@ def add_means(law: MagnetLaw, near: MagnetPairs, size: int, time: float, x: np.n
         r[k + BX], r[k + BY] = law.offset * cb, law.offset * sb
         r[k + TURN_AC], r[k + TURN_AS] = cos_sin(r[k + TURN_AC])
         r[k + TURN_BC], r[k + TURN_BS] = cos_sin(r[k + TURN_BC])
-    fade, beta, per_fade = law.fade, law.beta, 1.0 / max(law.cutoff - law.fade, 1e-300)
-    for place in range(most):
+        rx, ry = r[k + FX], r[k + FY]
+        f = r[k + PLACES] * pull_of(r[k + STRENGTH], math.sqrt(rx * rx + ry * ry), fade, per_fade,
+                                    beta)
+        r[k + FX], r[k + FY], r[k + TA], r[k + TB] = (-f * rx, -f * ry, -f * r[k + TA],
+                                                      f * r[k + TB])
+    for place in range(int(most)):
         for k in range(U(size)):
-            ax, ay, bx, by = r[k + AX], r[k + AY], r[k + BX], r[k + BY]
-            rx, ry = r[k + DX] + bx - ax, r[k + DY] + by - ay
-            d = math.sqrt(rx * rx + ry * ry)
-            f = r[k + STRENGTH] * switch((d - fade) * per_fade)
-            f /= max(d, 1e-300) * (d + beta) * (d + beta)
+            ax_k, ay_k, bx, by = r[k + AX], r[k + AY], r[k + BX], r[k + BY]
+            rx, ry = r[k + DX] + bx - ax_k, r[k + DY] + by - ay_k
+            f = pull_of(r[k + STRENGTH], math.sqrt(rx * rx + ry * ry), fade, per_fade, beta)
             f = f if place < r[k + PLACES] else 0.0
             r[k + FX] += f * rx
             r[k + FY] += f * ry
-            r[k + TA] += f * (ax * ry - ay * rx)
+            r[k + TA] += f * (ax_k * ry - ay_k * rx)
             r[k + TB] -= f * (bx * ry - by * rx)
             r[k + DX] += r[k + UX]
             r[k + DY] += r[k + UY]
             c, s = r[k + TURN_AC], r[k + TURN_AS]
-            r[k + AX], r[k + AY] = c * ax - s * ay, s * ax + c * ay
+            r[k + AX], r[k + AY] = c * ax_k - s * ay_k, s * ax_k + c * ay_k
             c, s = r[k + TURN_BC], r[k + TURN_BS]
             r[k + BX], r[k + BY] = c * bx - s * by, s * bx + c * by
     for k in range(U(size)):
-        i = U(fast[k])
+        i = U(far[k])
         a, b, share = U(p[i]) >> U(2), U(q[i]) >> U(2), 1.0 / r[k + PLACES]
         fx[a] += share * r[k + FX]
         fy[a] += share * r[k + FY]
