@@ -10,6 +10,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
+from tbsa.kernels.contacts import GRAZED
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, Crew, collect, give
 from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
@@ -52,6 +53,7 @@ from tbsa.kernels.rows import (
     PN1,
     PT,
     WIDE,
+    E,
     Rows,
 )
 from tbsa.kernels.sweeps import lane_of, queue
@@ -59,6 +61,8 @@ from tbsa.kernels.sweeps import lane_of, queue
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
 SLOP = 1e-3
+# Nearer than this (widths), what gives nothing back and neither comes nor goes is in contact.
+TOUCHING = 1e-3
 # Tolerances beyond the threshold of restitution at which a pressed point still is on its way.
 FLYING = 2.0
 # Passes of what takes it back, in a substep; and as many more over what is deeper, in slops, while
@@ -159,6 +163,29 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
 
 
 @lane
+def hold(r: np.ndarray, o: int, k: Numbers) -> None:
+    """Give a point of the block at `o` that touches and stays, without restitution, an impulse, if
+    it has none: it has been in contact.
+
+    What slides along a curve comes again in the next substep.  There the solve bears it; it would
+    hit, and be stopped, in every substep.
+    """
+    least, slow, little = (TOUCHING * k.width, k.threshold + k.tolerance,
+                           2.0 * GRAZED * k.tolerance)
+    for i in range(LANES):
+        at = o + i
+        wa, wb, count = r[at + AW], r[at + BW], r[at + COUNT]
+        along = r[at + NX] * (r[at + BX] - r[at + AX]) + r[at + NY] * (r[at + BY] - r[at + AY])
+        v0 = along + r[at + BN0] * wb - r[at + AN0] * wa
+        v1 = along + r[at + BN1] * wb - r[at + AN1] * wa
+        plastic = r[at + E] == 0.0
+        stays0 = plastic & (count > 0.5) & (r[at + GAP0] < least) & (abs(v0) < slow)
+        stays1 = plastic & (count > 1.5) & (r[at + GAP1] < least) & (abs(v1) < slow)
+        r[at + PN0] = max(r[at + PN0], little * r[at + I00]) if stays0 else r[at + PN0]
+        r[at + PN1] = max(r[at + PN1], little * r[at + I11]) if stays1 else r[at + PN1]
+
+
+@lane
 def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
     """Mark the rows of these blocks that will overlap by more than the slop in the next substep,
     to whose middle ``k.h`` looks ahead, in ``hit``, and count them in ``hits``.
@@ -170,6 +197,7 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
     """
     r, hits, low = rows.field, rows.hits, -SLOP * k.width
     away = k.h * (k.threshold + FLYING * k.tolerance)
+    plastic = (k.e == 0.0) | (k.e_wall == 0.0)
     for block in range(begin, last):
         hits[block] = 0
         if rows.single[block] == IDLE:
@@ -192,6 +220,8 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
             r[at + PT] = min(max(r[at + PT], -most), most)
             some += 1 if near else 0
         hits[block] = some
+        if plastic:
+            hold(r, o, k)
 
 
 @inline
