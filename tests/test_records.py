@@ -51,7 +51,7 @@ interval = 0.5
 checkpoint = 1.0
 [run]
 duration = 3.0
-seed = 5
+seed = 3
 """
 FILES = ("records.npy", "checkpoint.npz", "layout.npz", "scene.toml")
 
