@@ -678,7 +678,9 @@ def keep_impulses(k: Numbers, rows: Rows, state: State, crew: Crew) -> None:
 @inline
 def damping(k: Numbers) -> Any:
     """What damping leaves of velocities and spins in half a substep."""
-    return math.exp(-0.5 * k.h * k.linear_damping), math.exp(-0.5 * k.h * k.angular_damping)
+    linear, angular = 0.5 * k.h * k.linear_damping, 0.5 * k.h * k.angular_damping
+    return (math.exp(-linear) if linear != 0.0 else 1.0,
+            math.exp(-angular) if angular != 0.0 else 1.0)
 
 
 @inline
@@ -722,6 +724,16 @@ def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work:
         if struck == 0:
             break
     return points
+
+
+@inline
+def any_live(rows: Rows) -> bool:
+    """Whether a solve may have anything to do: what flies past each other needs none."""
+    live = rows.live
+    for block in range(rows.first[COLOURS]):
+        if live[block] != 0:
+            return True
+    return False
 
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
@@ -776,13 +788,16 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
     low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
     kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
     collect(crew)
-    if m > 0 or floor.law != 0:
-        apply_impulses(rows, k.per_mass, v, crew)
-        passes = relax(rows, m, kh, floor, c, s, v, crew)
+    live = any_live(rows)
+    last[0] = 0
+    if live or floor.law != 0:
+        if live:
+            apply_impulses(rows, k.per_mass, v, crew)
+        passes = relax(rows, m if live else ZERO, kh, floor, c, s, v, crew)
         last[0] = passes if passes >= 0 else -1 - passes
         counts.unconverged[0] += 1 if passes < 0 else 0
         counts.passes[0] += last[0]
-        if m > 0:
+        if live:
             limit_work(rows, kh, floor, c, s, v, before, crew)
         if floor.law != 0:
             turn_round(rows, floor, kh, c, s, v)
@@ -792,7 +807,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
     damp(low, high, slow, slow_spin, v)
     drift(low, high, h - middle, v, x, y, angle)
     collect(crew)
-    if m > 0 and project(rows, with_substep(k, ahead), ahead - (h - middle), v, work.shift, x, y,
+    if live and project(rows, with_substep(k, ahead), ahead - (h - middle), v, work.shift, x, y,
                          angle, crew):
         counts.projections[0] += 1
     return overlap

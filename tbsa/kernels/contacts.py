@@ -232,10 +232,13 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
     than the threshold, and has not been in contact: points that are pressed together approach by
     what the last solve left, and leave it to the next.  What was let go on to hit may have got an
     impulse of rounding.
+
+    A row is live if one of its points has an impulse, or may close within h, forces and all: where
+    none is, a solve changes nothing.
     """
     r, per_h, least = rows.field, 1.0 / h, GRAZED * tolerance
     o = U(block) * BLOCK
-    some = 0
+    some, live = 0, 0
     for i in range(LANES):
         ma, mb = r[o + MA + i], r[o + MB + i]
         an0, bn0, an1, bn1 = r[o + AN0 + i], r[o + BN0 + i], r[o + AN1 + i], r[o + BN1 + i]
@@ -265,16 +268,18 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h * bend0, per_h * bend1
         r[o + WANT0 + i] = NEVER if none else want(per_h * gap0, bend0)
         r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
-        hit0 = ((count > 0.5) & (vn0 < -threshold) & (gap0 + h * (vn0 + bend0) < gain)
-                & (k00 * r[o + WARM0 + i] <= least))
-        hit1 = (two & (vn1 < -threshold) & (gap1 + h * (vn1 + bend1) < gain)
-                & (k11 * r[o + WARM1 + i] <= least))
+        closes0 = (count > 0.5) & (gap0 + h * (vn0 + bend0) <= gain)
+        closes1 = two & (gap1 + h * (vn1 + bend1) <= gain)
+        pressed = (r[o + WARM0 + i] > 0.0) | (r[o + WARM1 + i] > 0.0)
+        hit0 = closes0 & (vn0 < -threshold) & (k00 * r[o + WARM0 + i] <= least)
+        hit1 = closes1 & (vn1 < -threshold) & (k11 * r[o + WARM1 + i] <= least)
         perhaps = ((r[o + HIT + i] != 0.0) & (k00 * r[o + WARM0 + i] <= least)
                    & (k11 * r[o + WARM1 + i] <= least))
         hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
         r[o + HIT + i] = -1.0 if perhaps & (hit == 0.0) else hit
         some += 1 if perhaps | hit0 | hit1 else 0
-    rows.hits[block] = some
+        live += 1 if closes0 | closes1 | pressed else 0
+    rows.hits[block], rows.live[block] = some, live
     queued, first = rows.queued, U(block) * LANES
     for i in range(LANES):
         queued[first + i] = 1 if r[o + COUNT + i] == 0.0 else 0

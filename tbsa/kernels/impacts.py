@@ -251,7 +251,8 @@ def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
 
 @inline
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-            y: np.ndarray, angle: np.ndarray, h: float, begin: float) -> Any:
+            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float,
+            begin: float) -> Any:
     """When and where the bodies of a row that hits meet, both flying on; not before `begin` (s).
 
     The row tells of the face that is nearest now, going on at its present rates; here the bodies
@@ -277,9 +278,11 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
     time, surmised = max(begin, max(z.since[a], z.since[b])), r[i + HIT] < 0.0
     stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
+    ca, sa, cb, sb = c[a], s[a], c[b], s[b]
     for _ in range(SEARCH):
         part = time / h - 0.5
-        ca, sa = cos_sin(angle[a] + time * w[a])
+        if time * w[a] != 0.0:
+            ca, sa = cos_sin(angle[a] + time * w[a])
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
         # As near as the places themselves are known.
         least = max(1e-12 * k.h * fastest, ROUNDING * (abs(xa) + abs(ya) + k.width))
@@ -300,7 +303,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             if time > k.h:
                 break
             continue
-        cb, sb = cos_sin(angle[b] + time * w[b])
+        if time * w[b] != 0.0:
+            cb, sb = cos_sin(angle[b] + time * w[b])
         dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
         count, nx, ny, _, gap0, an0, bn0, _, gap1, an1, bn1, at, bt, _, of_a = square_square(
             dx, dy, ca, sa, cb, sb, k.width, k.width)
@@ -439,7 +443,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
     are.
     """
     r, kept, block, lane = rows.field, z.kept, row // WIDE, U(row % WIDE)
-    first, single, others = U(block) * BLOCK, rows.single[block], False
+    first, single, live, others = U(block) * BLOCK, rows.single[block], rows.live[block], False
     for i in range(LANES):
         others |= (i != lane) & (r[first + MA + i] + r[first + MB + i] != 0.0)
     if others:
@@ -451,6 +455,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
         for field in range(ZERO, BLOCK, LANES):
             for i in range(LANES):
                 r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
+        rows.live[block] = max(live, rows.live[block])
     hits, lone = 0, 0
     for i in range(LANES):
         hits += 1 if r[first + HIT + i] != 0.0 else 0
@@ -699,19 +704,23 @@ def beside(rows: Rows, row: int, k: Numbers, mobile: np.ndarray, z: Scratch) -> 
 
 @inline
 def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
-           y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """Queue a row that may hit, by the time at which it does; or let it go on, or to the solve."""
+           y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> Any:
+    """Queue a row that may hit, by the time at which it does; or let it go on, or to the solve.
+
+    Returns the `meeting`.
+    """
     block, lane, body = row // WIDE, row % WIDE, rows.body
     t = U(block) * BODIES + U(lane)
     draw(rows, k, loads, v, z, c, s, body[t])
     draw(rows, k, loads, v, z, c, s, body[t + LANES])
-    how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, loads.h, 0.0)
+    how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, c, s, loads.h, 0.0)
     if how == LATER:
         fly_on(rows.field, lane_of(row), k.h)
     elif how == SLOW:
         rows.field[lane_of(row) + HIT] = 0.0
     else:
         put(z.queue, row, meet[0])
+    return how, meet
 
 
 @inline
@@ -729,13 +738,15 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
     points, size, begun = ZERO, ZERO, 0.0
     set_all(z.struck, 0)
     z.size[2] = 0
+    known, how, meet = -1, LATER, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     for block in range(rows.first[COLOURS]):
         if hits[block] == 0:
             continue
         for i in range(LANES):
             row = WIDE * block + int(i)
             if r[lane_of(row) + HIT] != 0.0:
-                expect(rows, row, k, loads, v, z, x, y, angle, c, s)
+                known = row
+                how, meet = expect(rows, row, k, loads, v, z, x, y, angle, c, s)
     while queue.size[0] > 0 or size > 0:
         if size > 0 and (queue.size[0] == 0
                          or queue.time[queue.heap[0]] - begun > SAME * k.h):
@@ -750,8 +761,9 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
         if max(z.struck[a] * mobile[a], z.struck[b] * mobile[b]) >= OFTEN:
             r[at + HIT] = 0.0
             continue
-        how, meet = meeting(rows, row // WIDE, row % WIDE, k, v, z, x, y, angle, loads.h,
-                            queue.time[row])
+        if row != known or points + size > 0:  # its tiles may go otherwise than they did
+            how, meet = meeting(rows, row // WIDE, row % WIDE, k, v, z, x, y, angle, c, s, loads.h,
+                                queue.time[row])
         if how >= LATER or (hit < 0.0 and beside(rows, row, k, mobile, z)):
             fly_on(r, at, k.h)
             continue
@@ -834,6 +846,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         q = z.rows[j]
         at = lane_of(q)
         z.known[q] = 0
+        rows.live[q // WIDE] = 1  # it is solved as it goes now, and may not be placed again
         r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
         r[at + BASE] = r[at + HIT] = 0.0
     for j in range(z.size[1]):

@@ -109,6 +109,7 @@ class Rows(NamedTuple):
     first: np.ndarray  # int64[COLOURS + 1], first block of every colour
     single: np.ndarray  # int64, one a block: rows of a single point in it; IDLE if none touches
     hits: np.ndarray  # int64, one a block: rows that hit; then rows that changed, or are deep
+    live: np.ndarray  # int64, one a block: rows that a solve may have something to do for
     active: np.ndarray  # int64, one a block: scratch
     queued: np.ndarray  # int64, WIDE a block: 1 if the row is on the list of a pass, or never
     # to be, as it is not in contact ...
@@ -146,7 +147,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
     blocks = capacity // int(LANES) + capacity // 16 + 2 * COLOURS
     field = np.zeros(blocks * int(BLOCK) + 8)
     shift = -(field.ctypes.data // 8) % 8  # a block begins with a cache line
-    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 3 + [WIDE * blocks + 1] * 3, [capacity] * 3,
+    whole = ([capacity] * 4, [COLOURS + 1], [blocks] * 4 + [WIDE * blocks + 1] * 3, [capacity] * 3,
              [n + 2, 2 * capacity])
     lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
     return Rows._make([
@@ -392,12 +393,12 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
         slot[i] = colour
         fill[colour] += 1
     first[0], in_use = 0, 0
-    for q in range(COLOURS):
-        first[q + 1] = first[q] + (fill[q] if q == ALONE else (fill[q] + WIDE - 1) // WIDE)
-        if fill[q] > 0 and q < ALONE:
-            rows.colours[in_use] = q
-            in_use += 1
+    for q in range(ALONE):
+        first[q + 1] = first[q] + int(U(fill[q] + WIDE - 1) // LANES)
+        rows.colours[in_use] = q  # written in any case, and kept by moving on
+        in_use += 1 if fill[q] > 0 else 0
         fill[q] = 0
+    first[COLOURS], fill[ALONE] = first[ALONE] + fill[ALONE], 0
     rows.size[1] = in_use
     if first[COLOURS] > 3 * rows.single.size // 4:
         return False
