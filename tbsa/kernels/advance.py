@@ -561,7 +561,7 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
         midx[i], midy[i] = x[i] + half * vx[i], y[i] + half * vy[i]
         mid_angle[i] = angle[i] + half * w[i]
         fx[i] = fy[i] = torque[i] = 0.0
-    if law.cutoff > 0.0:
+    if law.cutoff > 0.0 and work.magnets.size[0] > 0:
         turn(begin, end, mid_angle, work.c, work.s)
         place_magnets(work.magnets, law.offset, midx, midy, work.c, work.s, begin, end)
 
@@ -601,7 +601,7 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
     begin, end = give(crew, AHEAD, ZERO, n, LEAST_TILES)
     look_ahead(half, law, x, y, angle, work, begin, end)
     collect(crew)
-    if law.cutoff > 0.0:
+    if law.cutoff > 0.0 and work.magnets.size[0] > 0:
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
         if any_turns_far(n, w, 2.0 * half):
             add_mean_forces(law, work.magnets, 2.0 * half, x, y, angle, v, fx, fy, torque)

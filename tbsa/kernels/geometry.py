@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from tbsa.kernels.bodies import Numbers
 from tbsa.kernels.jit import lane
 
@@ -136,7 +138,7 @@ def cos_sin(angle: float) -> Any:
     The angle less a multiple of a quarter turn (in three parts, Cody and Waite), then the
     polynomials of Sun's fdlibm on [-pi/4, pi/4].
     """
-    turns = math.floor(angle * 0.6366197723675814 + 0.5)
+    turns = np.floor(angle * 0.6366197723675814 + 0.5)  # a float; math.floor makes an integer
     r = angle - turns * 1.57079632673412561417
     r = (r - turns * 6.07710050630396597660e-11) - turns * 2.02226624879595063154e-21
     z = r * r
@@ -147,7 +149,7 @@ def cos_sin(angle: float) -> Any:
         -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * (
             -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09
                                                - z * 1.13596475577881948265e-11)))))
-    quarter = turns - 4.0 * math.floor(0.25 * turns)
+    quarter = turns - 4.0 * np.floor(0.25 * turns)
     odd = (quarter == 1.0) | (quarter == 3.0)
     c, s = (sin if odd else cos), (cos if odd else sin)
     c = -c if (quarter == 1.0) | (quarter == 2.0) else c

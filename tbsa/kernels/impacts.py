@@ -209,9 +209,10 @@ def safe(gap: float, rate: float, curve: float) -> float:
 
 @inline
 def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: float, spin: float,
-                c: float, s: float, nx: float, ny: float, side: float, stopped: float) -> Any:
-    """How long no corner of a square surely reaches the face that keeps it apart (s), and how near
-    the nearest of them is now (m).
+                c: float, s: float, nx: float, ny: float, side: float, stopped: float,
+                left: float) -> Any:
+    """How long no corner of a square surely reaches the face that keeps it apart (s; inf where none
+    does in what is `left`), and how near the nearest of them is now (m).
 
     Corners that rest there are not waited for; one that is near and leaves, faster than `stopped`
     (m/s, negative), is looked at again `SOON`, by when it can be back by next to nothing.
@@ -227,7 +228,7 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
     curve = (face * face * far + 2.0 * abs(face) * (speed + radius * abs(spin))
              + spin * spin * radius)
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
-    step, nearest = math.inf, math.inf
+    step, nearest, soon = math.inf, math.inf, left
     for q in range(4):  # from the face's centre, in axes that turn with it
         rx, ry = corner_arm(q, half, c, s)
         px, py = side * dx + rx, side * dy + ry
@@ -236,9 +237,11 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
         bend = side * (nx * (face * face * px - spin * spin * rx + 2.0 * face * qy)
                        + ny * (face * face * py - spin * spin * ry - 2.0 * face * qx))
         nearest = min(nearest, gap)
-        if gap > near or abs(vn) > slow or k.h * bend < -slow:
+        if ((gap > near or abs(vn) > slow or k.h * bend < -slow)
+                and max(gap, 0.0) + soon * (vn - 0.5 * curve * soon) <= 0.0):  # sooner, perhaps
             ahead = safe(gap, vn, curve)
             step = min(step, max(ahead, SOON * k.h) if gap < near and vn > stopped else ahead)
+            soon = min(soon, step)
     return step, nearest
 
 
@@ -329,7 +332,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         how = SLOW if there and count != 0.0 else how
         step, nearest = until_touch(
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
-            cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped)
+            cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped,
+            k.h - time)
         if nearest <= least:  # what passes by a corner is looked at again soon
             step = max(step, BLUNT * k.width / fastest if count == 0.0
                        else (SOON if there else SAME) * k.h)
