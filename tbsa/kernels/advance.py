@@ -543,7 +543,8 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
     if error != OK:
         return int(error)
-    turn(ZERO, k.n, angle, work.c, work.s)
+    if work.pairs.start[k.n] > 0:
+        turn(ZERO, k.n, angle, work.c, work.s)
     counts.magnet_lists[0] += 1
     found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
                          turning, near, work.crew)
@@ -648,7 +649,8 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
         error = find_pairs(k, reach, tiles, x, y, way, ahead, work, counts)
         if error != OK:
             return error, -1.0
-    turn(ZERO, n, angle, c, s)
+    if work.pairs.start[n] > 0 or k.wall != 0:  # else nobody asks
+        turn(ZERO, n, angle, c, s)
     found, others, overlap = find_rows(rows, work.pairs, k, x, y, c, s, tiles.mobile, way, far,
                                        ahead, crew)
     if found < 0:

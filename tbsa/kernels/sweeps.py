@@ -83,6 +83,8 @@ def speed_of(vx: float, vy: float, w: float, width: float) -> float:
 @lane
 def row_change(r: np.ndarray, i: int, k: Numbers, change: float) -> float:
     """The same for a change of the row of lane i, after the faster one of its tiles."""
+    if k.at_rest >= 1.0:  # all tiles are the same: a quarter of the time of a pass
+        return change
     return float(as_fast(k, change, max(speed_of(r[i + AX], r[i + AY], r[i + AW], k.width),
                                         speed_of(r[i + BX], r[i + BY], r[i + BW], k.width))))
 
@@ -282,6 +284,8 @@ def tile_change(k: Numbers, vx: float, vy: float, w: float, ux: float, uy: float
                 uw: float) -> float:
     """By how much the floor has changed the velocity of a tile (m/s), as it counts."""
     change = max(max(abs(ux - vx), abs(uy - vy)), k.width * abs(uw - w))
+    if k.at_rest >= 1.0:
+        return change
     return float(as_fast(k, change, speed_of(ux, uy, uw, k.width)))
 
 

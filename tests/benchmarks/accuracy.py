@@ -96,7 +96,8 @@ def sweep(reference: Reference) -> list[Row]:
                   for effort in (usual, (LOOSE, default.passes), (LOOSE, 2))]
     if reference.steps == STEPS:
         cases += [(h, 1, tolerance, most) for h in coarse + reference.steps
-                  for tolerance in TOLERANCES[-2:]]
+                  for tolerance in (default.tolerance, *TOLERANCES[-2:])]
+        cases += [(h, substeps, LOOSE, default.passes) for h in coarse for substeps in (2, 3)]
         cases += [(TARGET, 16, *usual)]
         cases += [(TARGET, 4, tolerance, most) for tolerance in TOLERANCES]
         cases += [(TARGET, 4, 1e-9, passes) for passes in PASSES]
