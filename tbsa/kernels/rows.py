@@ -374,6 +374,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     copy(rows.new_corner, rows.corner, m)
     set_all(used, ZERO)
     set_all(fill, ZERO)
+    last = -1
     for i in range(m):
         a, b = ra[i], rb[i]
         colour = 0
@@ -392,13 +393,17 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
                 colour = ALONE
         slot[i] = colour
         fill[colour] += 1
-    first[0], in_use = 0, 0
-    for q in range(ALONE):
-        first[q + 1] = first[q] + int(U(fill[q] + WIDE - 1) // LANES)
-        rows.colours[in_use] = q  # written in any case, and kept by moving on
-        in_use += 1 if fill[q] > 0 else 0
+        last = max(last, colour)
+    blocks, in_use = ZERO, 0
+    for q in range(last + 1):
+        first[q] = blocks
+        blocks += fill[q] if q == ALONE else int(U(fill[q] + WIDE - 1) // LANES)
+        if fill[q] > 0 and q < ALONE:
+            rows.colours[in_use] = q
+            in_use += 1
         fill[q] = 0
-    first[COLOURS], fill[ALONE] = first[ALONE] + fill[ALONE], 0
+    for q in range(last + 1, COLOURS + 1):
+        first[q] = blocks
     rows.size[1] = in_use
     if first[COLOURS] > 3 * rows.single.size // 4:
         return False
