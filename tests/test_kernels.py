@@ -26,6 +26,7 @@ from scenes import (
     INERTIA,
     MASS,
     WIDTH,
+    cloud,
     material,
     moving_rows,
     scene,
@@ -453,6 +454,28 @@ def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, toleranc
     assert np.median(velocities) < tolerance
     assert np.quantile(velocities, 0.75) < 2 * tolerance
     assert np.quantile(ways, 0.75) < 2 * tolerance * 0.25
+
+
+@pytest.mark.parametrize(("parts", "rounding"), [
+    ({}, 0.0), ({"drive": Drive("shaking", 0.02, 0.0, 1.0)}, 0.0),
+    ({"floor": Floor(linear=0.05, angular=0.05)}, 0.0),
+    # Solved twice a substep or once, what couples sliding and turning has other rounding.
+    ({"floor": Floor(law="coupled", linear=0.05)}, 1e-15)])
+def test_what_flies_past_each_other_is_not_solved(parts, rounding):
+    """Ten tiles that fly and bounce in a round wall for a quarter of a second, all of them near
+    others: most substeps need no solve, and are the same without it."""
+    runs = [simulate(cloud(10, 1, 1.0), step=1 / 240, substeps=2, tolerance=1e-5, passes=40,
+                     body=material(restitution=0.9, friction=0.2),
+                     reactor=Reactor("circle", radius=0.35), skip_converged=skip, **parts)
+            for skip in (True, False)]
+    for s in runs:
+        s.advance(60)
+    left_out, plain = (s.counts for s in runs)
+    assert np.abs(state(runs[0]) - state(runs[1])).max() <= rounding
+    assert left_out.impacts[0] == plain.impacts[0] > 20
+    assert left_out.rows[0] == plain.rows[0]
+    assert left_out.unsolved[0] > 0.5 * left_out.solves[0] > 0 == plain.unsolved[0]
+    assert left_out.passes[0] < 0.4 * plain.passes[0]
 
 
 @pytest.mark.parametrize(("gap", "speed", "spin", "number"), [

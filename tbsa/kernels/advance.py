@@ -731,11 +731,10 @@ def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work:
 @inline
 def any_live(rows: Rows) -> bool:
     """Whether a solve may have anything to do: what flies past each other needs none."""
-    live = rows.live
-    for block in range(rows.first[COLOURS]):
-        if live[block] != 0:
-            return True
-    return False
+    live, some = rows.live, 0
+    for block in range(U(rows.first[COLOURS])):
+        some |= live[block]
+    return some != 0
 
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
@@ -790,8 +789,10 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
     low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
     kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
     collect(crew)
-    live = any_live(rows)
+    live = m > 0 and (k.skip_converged == 0 or any_live(rows))
     last[0] = 0
+    rows.effort[0] += 0 if live else m
+    rows.effort[1] += 0 if live else m
     if live or floor.law != 0:
         if live:
             apply_impulses(rows, k.per_mass, v, crew)
