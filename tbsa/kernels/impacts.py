@@ -28,10 +28,10 @@ import numpy as np
 
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import SPARE, SWEPT, place_block, weigh_block
+from tbsa.kernels.contacts import NEVER, SPARE, SWEPT, place_block, weigh_block
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
-from tbsa.kernels.jit import ZERO, U, inline
+from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.queue import Queue, empty_queue, put, take
 from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
@@ -49,7 +49,6 @@ from tbsa.kernels.rows import (
     GAP0,
     GAP1,
     HIT,
-    ID0,
     ID1,
     K00,
     K11,
@@ -507,6 +506,16 @@ def propped(rows: Rows, mobile: np.ndarray, tile: int) -> bool:
     return carried > 0.0
 
 
+@lane
+def may_close(gap: float, nearest: float, touch: float, left: float, width: float) -> float:
+    """How fast a point may approach within an impact (m/s): not at all if it hits now, as the
+    nearest of its row; by its gap in what is left of the substep if it touches; else an impact is
+    over before it comes."""
+    hits = gap <= max(nearest, 0.0) + 2.0 * NOWHERE * width
+    return (0.0 if hits & (nearest > -math.inf) else
+            max(gap, 0.0) / left if gap <= touch else NEVER)
+
+
 @inline
 def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
           y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads) -> None:
@@ -540,20 +549,15 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             share(v, z, i, z.part[i])
             z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
         moved |= z.when[i] > 0.0
-    hit, left = r[at + HIT], k.h
-    first, second = hit == 1.0 or hit == 3.0, hit >= 2.0
+    hit = r[at + HIT]
     if moved:
-        id0, id1 = r[at + ID0] if first else -2.0, r[at + ID1] if second else -2.0
         place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
-        left, least = max(k.h - time, SAME * k.h), 2.0 * NOWHERE * k.width
-        gap0, gap1 = r[at + GAP0], r[at + GAP1]
-        first = gap0 <= least or r[at + ID0] == id0 or r[at + ID0] == id1
-        second = gap1 <= least or r[at + ID1] == id0 or r[at + ID1] == id1
-        if hit > 0.0 and not (first or second):
-            first, second = gap0 <= gap1, gap1 < gap0
     if r[at + COUNT] != 0.0:
-        r[at + WANT0] = 0.0 if first else max(r[at + GAP0], 0.0) / left
-        r[at + WANT1] = 0.0 if second else max(r[at + GAP1], 0.0) / left
+        gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
+        left = max(k.h - time, SAME * k.h) if moved else k.h
+        nearest, touch = min(gap0, gap1) if hit != 0.0 else -math.inf, touching(r, at, k.width)
+        r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
+        r[at + WANT1] = may_close(gap1, nearest, touch, left, k.width)
     r[at + HIT] = hit
     r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
@@ -591,8 +595,9 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                     if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
                         continue
                     if known[other] == 0:
-                        gap = min(r[i + GAP0] + z.when[tile] * r[i + VN0],
-                                  r[i + GAP1] + z.when[tile] * r[i + VN1])
+                        gap = r[i + GAP0] + z.when[tile] * r[i + VN0]
+                        if r[i + COUNT] == 2.0:
+                            gap = min(gap, r[i + GAP1] + z.when[tile] * r[i + VN1])
                         if gap > touching(r, i, k.width):
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
@@ -721,7 +726,12 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     if how == LATER:
         fly_on(rows.field, lane_of(row), k.h)
     elif how == SLOW:
-        rows.field[lane_of(row) + HIT] = 0.0
+        # The solve stops what comes as slowly all the way; what has been turning on its way there
+        # goes on as it does.
+        r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
+        if r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow):
+            fly_on(r, i, k.h)
+        r[i + HIT] = 0.0
     else:
         put(z.queue, row, meet[0])
     return how, meet
@@ -801,7 +811,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     fastest = 0.0
     for j in range(size):
         at = lane_of(rows.now[j])
-        fastest = max(fastest, -min(r[at + VN0], r[at + VN1]))
+        fastest = max(fastest, -r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
         enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads)
         z.known[rows.now[j]] = 2
     fine = min(ROUGH * k.tolerance, FINE * fastest)
