@@ -235,6 +235,13 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "must be above 0 m unless magnet.inset is"),
     ("magnets in one place", GOOD + "[magnet]\nalpha = 2.29e-4\nbeta = 1.65e-3\ninset = 0\n",
      "magnet.inset", "0.0 must be at least 0.0003 m, 1% of the width"),
+    ("bonds stiffer than the step", GOOD + "[magnet]\nalpha = 5.4e-5\n[solver]\nstep = 0.05\n",
+     "solver.step", "0.05 must be at most 0.0266 s with magnets like these: bonds vibrate, and "
+     "forces are found every 0.025 s, twice a step"),
+    ("smooth bonds stiffer than the step", GOOD + "[material]\nfriction = 0\n[magnet]\n"
+     "[solver]\nstep = 0.02\nsubsteps = 1\n", "solver.step",
+     "0.02 must be at most 0.0103 s with magnets and smooth tiles like these: bonds vibrate, and "
+     "forces are found every 0.02 s, once a step, as the number of substeps is odd"),
     ("magnets beyond the centre", GOOD + "[magnet]\ninset = 0.015\n", "magnet.inset",
      "0.015 must be a number from 0 to below half the tile width, 0.015 m"),
     ("a cut-off of zero", GOOD + "[magnet]\ncutoff = 0.0\n", "magnet.cutoff",

@@ -581,28 +581,40 @@ def _check_magnet_and_tile(scene: Scene) -> None:
               f"must be at least {shown} m, to hold one tile {width:g} m wide")
 
 
-# Bonded magnets that are all but in one place pull in a direction made of the solver's overlap.
-# Blocks at rest without a drive came apart at STIFF of 70 and above where the inset was below
-# this share of the width, and never where it was larger.
-FLAT, STIFF = 0.01, 10.0
+# Of a bond: the square of what its vibration turns by (rad) between two looks at the forces, at most.
+# Leapfrog is unstable above 4, and a smooth block's fastest vibration has twice the square of a
+# pair's: smooth blocks of 3 x 3 at rest flew apart at 3.9 and more, and were quiet at 1.3.
+# Friction quenches it: pairs with 0.25, knocked at 0.1 m/s, were torn at 16 and not at 13.
+SMOOTH, STIFF = 2.0, 10.0
+# Below this share of the width it is the inset that is too small: magnets that are all but in one
+# place pull in a direction made of the solver's overlap.
+FLAT = 0.01
 
 
 def _check_bonds(scene: Scene, magnet: Magnet) -> None:
-    """Bonded magnets are far enough apart for their pull to have a direction.
+    """Bonded magnets are far enough apart, and forces found often enough, for their pull to have a
+    direction.
 
-    A pair that slides by d is pulled back by F d / r at a distance r of its magnets: the square
-    of what its vibration turns by between two looks at the forces must not be large.
+    A pair that slides by d is pulled back by F d / r at a distance r of its magnets.
     """
     width, mass, p = scene.material.width, scene.material.mass, between_forces(scene)
-    if magnet.inset >= FLAT * width:
-        return
     r, arm = 2.0 * magnet.inset, 0.5 * width - magnet.inset
     pull = magnet.alpha / (r + magnet.beta) ** 2
-    if not pull * p * p * 2.0 * (1.0 / mass + 6.0 * arm * arm / (mass * width**2)) <= STIFF * r:
+    turn = pull * p * p * 2.0 * (1.0 / mass + 6.0 * arm * arm / (mass * width**2))
+    most = r * (STIFF if scene.material.friction > 0.0 else SMOOTH)
+    if turn <= most:
+        return
+    if magnet.inset < FLAT * width:
         _fail(scene, "magnet.inset", magnet.inset,
               f"must be at least {FLAT * width:g} m, {FLAT:.0%} of the width, with magnets and a "
               f"solver.step like these: bonded magnets are 2 inset apart and pull with {pull:.3g} "
               f"N, which changes its direction faster than every {p:.3g} s")
+    step = scene.solver.step
+    _fail(scene, "solver.step", step,
+          f"must be at most {step * math.sqrt(most / turn):.3g} s with magnets"
+          f"{'' if scene.material.friction > 0.0 else ' and smooth tiles'} like these: bonds "
+          f"vibrate, and forces are found every {p:.3g} s, "
+          f"{'twice a step' if p < step else 'once a step, as the number of substeps is odd'}")
 
 
 SAMPLES = 8  # of a drive, at least, in a period
