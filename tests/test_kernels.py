@@ -350,7 +350,7 @@ def test_threads_do_not_change_a_bit(side, threads, options):
         s.advance(2)
     assert (shared._work.crew.job[0] > 300) == (side > 40)
     assert alone.counts.impacts[0] > 10
-    assert alone.counts.projections[0] > 0
+    assert alone.counts.projections[0] > 0 or side < 40
     assert (state(alone) == state(shared)).all()
     for a, b in zip(alone.counts, shared.counts, strict=True):
         assert (a == b).all()
