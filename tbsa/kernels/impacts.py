@@ -508,12 +508,12 @@ def propped(rows: Rows, mobile: np.ndarray, tile: int) -> bool:
 
 @lane
 def may_close(gap: float, nearest: float, touch: float, left: float, width: float) -> float:
-    """How fast a point may approach within an impact (m/s): not at all if it hits now, as the
-    nearest of its row; by its gap in what is left of the substep if it touches; else an impact is
-    over before it comes."""
-    hits = gap <= max(nearest, 0.0) + 2.0 * NOWHERE * width
-    return (0.0 if hits & (nearest > -math.inf) else
-            max(gap, 0.0) / left if gap <= touch else NEVER)
+    """How fast a point may approach within an impact (m/s): not at all if it is as near as the
+    nearest of a row that hits, or touches exactly; by its gap in what is left of the substep if it
+    touches as well as a solve leaves it; else the impact is over before it comes."""
+    if gap <= nearest + 2.0 * NOWHERE * width:
+        return 0.0
+    return gap / left if gap <= touch else NEVER
 
 
 @inline
@@ -555,7 +555,8 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     if r[at + COUNT] != 0.0:
         gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
         left = max(k.h - time, SAME * k.h) if moved else k.h
-        nearest, touch = min(gap0, gap1) if hit != 0.0 else -math.inf, touching(r, at, k.width)
+        nearest = max(min(gap0, gap1), 0.0) if hit > 0.0 else 0.0
+        touch = touching(r, at, k.width)
         r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
         r[at + WANT1] = may_close(gap1, nearest, touch, left, k.width)
     r[at + HIT] = hit
