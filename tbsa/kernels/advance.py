@@ -220,7 +220,7 @@ class Counts(NamedTuple):
     rows: np.ndarray  # manifolds solved, summed over substeps
     passes: np.ndarray  # solver passes
     solves: np.ndarray  # manifolds to be solved, summed over passes
-    unsolved: np.ndarray  # of these left out, as they had converged
+    unsolved: np.ndarray  # of these left out, as they had converged, or in flight
     unconverged: np.ndarray  # substeps that ended at the limit of passes
     impacts: np.ndarray  # points that hit
     projections: np.ndarray  # substeps with overlap beyond the slop

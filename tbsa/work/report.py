@@ -40,7 +40,7 @@ LEFT_OUT = {
     "joined": ("substeps joined with others in calm scenes", "of all_substeps"),
     "kept_lists": ("steps with an older list of near pairs", "of steps_here"),
     "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps_here"),
-    "unsolved": ("manifolds that had converged", "of solves"),
+    "unsolved": ("manifolds that had converged, or in flight", "of solves"),
 }
 _SHOWN_WITH_OTHERS = {"overlap", "deepest", "all_substeps", "steps_here"}
 
