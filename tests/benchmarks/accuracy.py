@@ -27,6 +27,7 @@ import numpy as np
 import tbsa
 from tbsa.kernels import advance as core
 from tbsa.kernels.jit import entry
+from tbsa.errors import InputError
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.work.metrics import size
@@ -109,7 +110,7 @@ def sweep(reference: Reference) -> list[Row]:
         try:
             errors = reference.measure(Simulation, scene)
             alone, whole = clock(scene, reference.duration)
-        except SimulationError:  # too coarse a step
+        except (InputError, SimulationError):  # too coarse a step
             continue
         rows.append({
             "scene": reference.name, "engine": "tbsa", "step": h, "substeps": substeps,
