@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 import tbsa
+from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels.jit import entry
-from tbsa.errors import InputError
 from tbsa.model.scene import Scene
 from tbsa.model.simulation import Simulation, SimulationError
 from tbsa.work.metrics import size
