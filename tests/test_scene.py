@@ -440,7 +440,7 @@ def scenes(draw):
         Free(tuple((kind.name, draw(st.integers(0, 5))) for kind in kinds[::-1]),
              (PlacedTile(first, (0.4, 0.1), draw(numbers), (draw(numbers), 0.1), draw(numbers)),
               PlacedTile(second, (0.4, 0.2), held=True))),
-        draw(st.one_of(st.none(), st.builds(Magnet, alpha=st.floats(1e-300, 1)))),
+        draw(st.one_of(st.none(), st.builds(Magnet, alpha=st.floats(1e-300, 1e-5)))),
         draw(drives), draw(floors), run=Run(draw(st.floats(1e-2, 1e9)),
                                             draw(st.integers(0, 2**63 - 1))),
         temperature=draw(st.integers(1, 4)), title=draw(st.text(st.characters(codec="utf-8"))))

@@ -474,8 +474,9 @@ def section(result: Result) -> str:
         raise InputError(f"must be below {0.5 * WIDEST:g} m, half the width of a scene's widest "
                          "tile", field="--inset", value=f"{inset:g} m")
     width = min(max(0.03, 4 * inset), WIDEST)
+    # A strong magnet asks a scene for a short step, which is not the fit's to choose.
     parse(f'[tiles]\nset = "chessboard"\n[material]\nwidth = {width!r}\nmass = {20 * width**2!r}\n'
-          f'[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n{text}')
+          f'[[free.tile]]\ntype = "black"\nposition = [0.0, 0.0]\n[solver]\nstep = 1e-7\n{text}')
     return text
 
 
