@@ -236,7 +236,7 @@ MALFORMED: list[tuple[str, str, str, str]] = [
     ("magnets in one place", GOOD + "[magnet]\nalpha = 2.29e-4\nbeta = 1.65e-3\ninset = 0\n",
      "magnet.inset", "0.0 must be at least 0.0003 m, 1% of the width"),
     ("bonds stiffer than the step", GOOD + "[magnet]\nalpha = 5.4e-5\n[solver]\nstep = 0.05\n",
-     "solver.step", "0.05 must be at most 0.0266 s with magnets like these: bonds vibrate, and "
+     "solver.step", "0.05 must be at most 0.0168 s with magnets like these: bonds vibrate, and "
      "forces are found every 0.025 s, twice a step"),
     ("smooth bonds stiffer than the step", GOOD + "[material]\nfriction = 0\n[magnet]\n"
      "[solver]\nstep = 0.02\nsubsteps = 1\n", "solver.step",

@@ -30,6 +30,7 @@ from scenes import (
     turned,
 )
 
+from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels.bodies import Numbers
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, Solver, TileType
@@ -747,3 +748,22 @@ def test_a_tile_that_its_load_turns_round_comes_back_as_fast_as_it_is_to(law, ra
         assert s.x[0] == pytest.approx(v0**2 / up / 2 - down * back**2 / 2,
                                        abs=up * (step / substeps)**2)
         assert abs(s.vy[0]) + WIDTH * abs(s.omega[0]) < 1e-12
+
+
+@pytest.mark.parametrize(("friction", "step", "knock"), [
+    (0.25, 1 / 35, 0.1), (0.05, 1 / 35, 0.1), (0.0, 1 / 49, 0.0)])
+def test_bonds_hold_at_the_longest_step_that_is_allowed(friction, step, knock):
+    """Blocks of nine with the paper's magnets, without a floor, knocked at random or, if smooth, at
+    rest: leapfrog still follows how their bonds vibrate."""
+    with pytest.raises(InputError, match="bonds vibrate"):
+        simulate([tile(kind="black")], types=CHESSBOARD, magnet=Magnet(), step=1.03 * step,
+                 substeps=4, body=Material(friction=friction))
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        s = simulate([tile(i * WIDTH, j * WIDTH, 0.0, *(knock * rng.normal(size=2)),
+                           60.0 * knock * rng.normal(), kind=("black", "white")[(i + j) % 2])
+                      for i in range(3) for j in range(3)], types=CHESSBOARD, magnet=Magnet(),
+                     step=step, substeps=4, tolerance=1e-5, passes=200,
+                     body=Material(friction=friction))
+        s.run(5.0)
+        assert np.hypot(s.x - s.x.mean(), s.y - s.y.mean()).max() < 1.5 * WIDTH

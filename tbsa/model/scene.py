@@ -582,10 +582,11 @@ def _check_magnet_and_tile(scene: Scene) -> None:
 
 
 # Of a bond: the square of what its vibration turns by (rad) between two looks at the forces, at
-# most.  Leapfrog is unstable above 4, and a smooth block's fastest vibration has twice the square
-# of a pair's: smooth blocks of 3 x 3 at rest flew apart at 3.9 and more, and were quiet at 1.3.
-# Friction quenches it: pairs with 0.25, knocked at 0.1 m/s, were torn at 16 and not at 13.
-SMOOTH, STIFF = 2.0, 10.0
+# most.  Leapfrog is unstable above 4.  Pairs and blocks with friction 0.05 and 0.25, knocked at
+# 0.05 to 0.4 m/s, held at 4 where they do at a 32nd of the step, and most were torn at 6 and above.
+# A smooth block's fastest vibration has twice the square of a pair's: some flew apart at rest at
+# 3.9.
+SMOOTH, STIFF = 2.0, 4.0
 # Below this share of the width it is the inset that is too small: magnets that are all but in one
 # place pull in a direction made of the solver's overlap.
 FLAT = 0.01

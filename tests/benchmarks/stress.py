@@ -166,6 +166,22 @@ def _limit(speed: float, h: float) -> str:
     return f"two tiles close by up to {travel / W:.1f} w in a substep, > w" if travel > W else ""
 
 
+def _stiff(scene: Scene) -> str:
+    """Why a scene's bonds cannot be followed at its step; "" if they can.
+
+    Leapfrog needs (w P)^2 <= 4 of a vibration of w, P between two looks at the forces.  A pair that
+    slides by d is pulled back by F d/r: w^2 = 2 (F/r) (1/m + a^2/I), with the arm a of its magnets.
+    """
+    magnet, body, h = scene.magnet, scene.material, scene.solver.step
+    assert magnet is not None
+    assert scene.solver.substeps % 2 == 0  # two looks a step
+    r, arm = 2.0 * magnet.inset, 0.5 * body.width - magnet.inset
+    pull = magnet.alpha / (r + magnet.beta) ** 2
+    turned = 2.0 * pull / r * (1.0 / body.mass + 6.0 * arm**2 / (body.mass * body.width**2)) * (
+        0.5 * h) ** 2
+    return f"bonds turn {math.sqrt(turned):.1f} rad between two forces, > 2" if turned > 4 else ""
+
+
 def _fast_tile(speed: float, h: float, against: str) -> Row:
     """One tile at `speed` (m/s) at a wall, a held tile, or another one that comes as fast."""
     wall = Reactor("rectangle", width=1.0, height=0.4)
@@ -229,7 +245,7 @@ def rows() -> list[Row]:
     unicycle = Drive("unicycle", LOAD, 3e-3, 0.1)
     for n in (30, 60, 120, 240, 480, 960, 1920, 3840):
         found.append(Row(f"step 1/{n}, shaken", crowd(h=1 / n), 2.0, every=max(1, n // 120),
-                         fast=n in (30, 480)))
+                         fast=n in (30, 60, 480), limit=_stiff(crowd(h=1 / n))))
     found.append(Row("unicycle, its full torque", crowd(drive=unicycle), 3.0, fast=True))
     found.append(Row("unicycle, step 1/1920", crowd(drive=unicycle, h=1 / 1920), 5.0, every=16))
     # Times 100 a pair in contact swings at sqrt(2 F'/m) = 740 rad/s: also at a step for that.
