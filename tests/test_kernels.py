@@ -1022,3 +1022,23 @@ def test_what_a_kernel_keeps_to_itself_has_a_name_of_its_own():
     hidden = [each.name for each in module.functions if each.linkage == Linkage.internal]
     assert len(hidden) > 5
     assert all(name.startswith("advance.") for name in hidden)
+
+
+def test_no_two_arrays_of_a_simulation_share_memory():
+    """The compiler of `advance` is told so (`jit.solo`)."""
+    s = Simulation(field_of_tiles(50))
+    s.advance(10)
+    found = []
+
+    def visit(value):
+        if isinstance(value, np.ndarray):
+            begin = value.__array_interface__["data"][0]
+            found.append((begin, begin + value.nbytes))
+        elif isinstance(value, tuple):
+            for each in value:
+                visit(each)
+
+    visit((s.state, s.tiles, s._work, s.counts, s.parameters))
+    assert len(found) > 150
+    places = sorted(place for place in found if place[1] > place[0])
+    assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(places))

@@ -78,6 +78,7 @@ from tbsa.kernels.crew import (
     Crew,
     collect,
     give,
+    nobody,
     share,
     store,
     wait_for,
@@ -85,7 +86,7 @@ from tbsa.kernels.crew import (
 from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, cos_sin
 from tbsa.kernels.impacts import Loads, Scratch, impacts
-from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, solo
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -205,6 +206,14 @@ class Work(NamedTuple):
     torque: np.ndarray
     magnets: MagnetPairs
     crew: Crew
+
+
+@lane
+def by_itself(w: Work) -> Work:
+    """The same, with nobody to help."""
+    return Work(w.pairs, w.rows, w.bodies, w.shift, w.scratch, w.c, w.s, w.far, w.way, w.x0, w.y0,
+                w.angle0, w.pace, w.speed, w.need, w.turning, w.margin, w.midx, w.midy,
+                w.mid_angle, w.fx, w.fy, w.torque, w.magnets, nobody(w.crew))
 
 
 class Counts(NamedTuple):
@@ -816,17 +825,16 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
     return overlap
 
 
-@kernel
-def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
-            drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
-            begun: int, steps: int, reach: float) -> tuple[int, int]:
+@lane
+def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
+          drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
+          begun: int, steps: int, reach: float) -> tuple[int, int]:
     """Advance by `steps` steps; the run has `begun` with so many.
 
     Returns the error word and the steps done; on MORE_PAIRS, MORE_ROWS and MORE_MAGNETS the state
     is that before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs
     have multiplied within a step.
     """
-    state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
     n, x, y, angle, last, v, rows = (k.n, state.x, state.y, state.angle, state.last, work.bodies,
                                      work.rows)
     copy(state.vx, v.vx, n + 1)
@@ -917,10 +925,30 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
     return error, done
 
 
+@solo
+def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
+            drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
+            begun: int, steps: int, reach: float) -> tuple[int, int]:
+    """Advance a scene in one thread, see `go_on`."""
+    state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
+    return go_on(state, tiles, k, magnets, floor, drive, drive_parameters, by_itself(work),
+                 counts, begun, steps, reach)
+
+
+@kernel
+def advance_together(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
+                     drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
+                     begun: int, steps: int, reach: float) -> tuple[int, int]:
+    """Advance a scene as thread 0 of its crew, see `go_on`; the others run `help_out`."""
+    state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
+    return go_on(state, tiles, k, magnets, floor, drive, drive_parameters, work, counts, begun,
+                 steps, reach)
+
+
 @kernel
 def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw,
              floor: FloorLaw, work: Work) -> None:
-    """Thread `me` > 0 of a crew: do shares of what `advance` gives out after job number `job`,
+    """Thread `me` > 0 of a crew: do shares of what thread 0 gives out after job number `job`,
     until it is told to leave."""
     state, tiles, work = lean(state), lean(tiles), lean(work)
     x, y, angle, v, rows, crew = (state.x, state.y, state.angle, work.bodies, work.rows,

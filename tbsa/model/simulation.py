@@ -227,7 +227,7 @@ class Simulation:
         self._reach = 1.001 * reach if n > 1 else 0.0
         self.counts = core.empty_counts()
         self._work = self._space()
-        self._advance = core.advance
+        self._advance = core.advance if self._threads == 1 else core.advance_together
         self._ended = ""  # why it cannot go on
         self._rest = 0.0  # s, by which calls of `run` have come short
 
@@ -333,8 +333,7 @@ class Simulation:
                         self._reach)
             finally:  # also when it is interrupted
                 self.steps += int(self.counts.steps[0]) - before
-            if self._advance is core.advance:
-                self._advance = entry(core.advance)  # the types are the same in every call
+            self._advance = entry(self._advance)  # the types are the same in every call
             left -= done
             if error in self._capacity and not raised:
                 self._grow(error)

@@ -616,9 +616,10 @@ def _warmup(arguments: argparse.Namespace) -> int:
     for drive in (None, Drive("constant", (0.0, 0.0)), Drive("shaking", 0.1, 0.0, 1.0),
                   Drive("unicycle", 0.1, 0.0, 1.0)):
         simulation = Simulation(Scene(SETS["chessboard"], free=Free((), tiles), magnet=Magnet(),
-                                      drive=drive), threads=2)
+                                      drive=drive))
         simulation.advance(1)
     simulation.magnet_forces()
+    Simulation(simulation.scene, threads=2).advance(1)
     new = [name for name, there in KERNELS.items() if not there]
     took, folder = time.perf_counter() - start, cache_folder()
     if new:
