@@ -931,8 +931,9 @@ def advance(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: F
             begun: int, steps: int, reach: float) -> tuple[int, int]:
     """Advance a scene in one thread, see `go_on`."""
     state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
-    return go_on(state, tiles, k, magnets, floor, drive, drive_parameters, by_itself(work),
-                 counts, begun, steps, reach)
+    error, done = go_on(state, tiles, k, magnets, floor, drive, drive_parameters,
+                        by_itself(work), counts, begun, steps, reach)
+    return error, done
 
 
 @kernel
@@ -941,8 +942,9 @@ def advance_together(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw,
                      begun: int, steps: int, reach: float) -> tuple[int, int]:
     """Advance a scene as thread 0 of its crew, see `go_on`; the others run `help_out`."""
     state, tiles, work, counts = lean(state), lean(tiles), lean(work), lean(counts)
-    return go_on(state, tiles, k, magnets, floor, drive, drive_parameters, work, counts, begun,
-                 steps, reach)
+    error, done = go_on(state, tiles, k, magnets, floor, drive, drive_parameters, work, counts,
+                        begun, steps, reach)
+    return error, done
 
 
 @kernel
