@@ -322,9 +322,9 @@ def test_the_same_scene_gives_the_same_bits_however_it_is_cut_into_calls():
                 ).all()
 
 
-def field_of_tiles(side, law="separate", wall="rectangle", **options):
+def field_of_tiles(side, law="separate", wall="rectangle", apart=1.003, **options):
     """A close lattice of so many rows and columns, shaken, whose tiles fly about a little."""
-    rng, space = np.random.default_rng(4), 1.003 * WIDTH
+    rng, space = np.random.default_rng(4), apart * WIDTH
     tiles = []
     for i, j in itertools.product(range(side), repeat=2):
         held = (i + 7 * j) % 97 == 0
@@ -340,7 +340,9 @@ def field_of_tiles(side, law="separate", wall="rectangle", **options):
 
 @pytest.mark.parametrize(("side", "threads", "options"), [
     (56, 2, {}), (56, 3, {"wall": "circle"}), (50, 2, {"law": "coupled"}),
-    (50, 2, {"law": "exact"}), (50, 2, {"passes": 20, "at_rest": 0.1}), (7, 2, {"passes": 20})])
+    (50, 2, {"law": "exact"}), (50, 2, {"passes": 20, "at_rest": 0.1}), (7, 2, {"passes": 20}),
+    # Overlaps: long lists of what is to be projected.
+    (50, 3, {"apart": 0.995, "checked": False})])
 def test_threads_do_not_change_a_bit(side, threads, options):
     """As many tiles as they share, and as few as one of them does alone."""
     chosen = field_of_tiles(side, **options)

@@ -57,6 +57,7 @@ from tbsa.kernels.crew import (
     END,
     FILL,
     FLOOR,
+    HANG,
     KEEP,
     KICK,
     LEAST_BLOCKS,
@@ -66,6 +67,7 @@ from tbsa.kernels.crew import (
     LIST,
     PACE,
     PAIRS,
+    PART,
     PLACE,
     PULL,
     REACT,
@@ -101,7 +103,7 @@ from tbsa.kernels.magnets import (
 )
 from tbsa.kernels.mean_forces import add_mean_forces, any_turns_far
 from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, stale
-from tbsa.kernels.projection import SLOP, find_deep, project
+from tbsa.kernels.projection import SLOP, find_deep, part_listed, project
 from tbsa.kernels.rows import (
     COLOURS,
     LATE,
@@ -113,6 +115,7 @@ from tbsa.kernels.rows import (
     clear_blocks,
     colour_rows,
     fill_lanes,
+    find_islands,
     find_rows,
     recall,
     recall_all,
@@ -994,6 +997,9 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             crew.found[me * LINE] = find_stopped(k, v, work.shift, first, last)
         elif what == DEEP:
             find_deep(rows, with_substep(k, ahead_time), first, last)
+        elif what == PART:
+            part_listed(rows, with_substep(k, ahead_time), v, work.shift, x, y, angle,
+                        crew.numbers[7], crew.numbers[8], first, last)
         elif what == END:
             damp(first, last, slow, slow_spin, v)
             drift(first, last, h - crew.numbers[6], v, x, y, angle)
@@ -1013,6 +1019,9 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             crew.found[me * LINE] = remember(rows, k.n, state.impulses, first, last)
         elif what == CLEAR:
             clear_blocks(rows, k.n, first, last)
+        elif what == HANG:
+            if me == 1:
+                find_islands(rows, crew.what[2], k.n, tiles.mobile)
         elif what == FILL:
             fill_lanes(rows, k, tiles.mobile, first, last)
         elif what == RECALL:

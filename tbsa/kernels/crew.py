@@ -22,11 +22,12 @@ from tbsa.kernels.jit import ZERO, inline, lane
 
 # What is to be done; see `help_out` in `advance.py`.
 (LEAVE, PAIRS, LIST, AHEAD, PULL, REACT, TOTAL, ASSUME, ROWS, KEEP, CLEAR, FILL, RECALL, PACE,
- BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR, WORK, SCALE, BACK, END, DEEP, BEYOND) = (
-     np.int64(i) for i in range(26))
+ BEGIN, PLACE, KICK, APPLY, SWEEP, FLOOR, WORK, SCALE, BACK, END, DEEP, PART, BEYOND,
+ HANG) = (np.int64(i) for i in range(28))
 
 # Ranges shorter than this are not worth the way to another thread: 0.4 us there and back.
-LEAST_TILES, LEAST_BLOCKS, LEAST_PAIRS, LEAST_ROOM = (np.int64(i) for i in (1024, 96, 1024, 8192))
+LEAST_TILES, LEAST_BLOCKS, LEAST_ROWS, LEAST_PAIRS, LEAST_ROOM = (
+    np.int64(i) for i in (1024, 96, 96, 1024, 8192))
 LINE = 8  # numbers of a cache line: what two threads write is this far apart
 PATIENCE = 4096  # looks at a number, before another process may have the core
 
@@ -38,7 +39,7 @@ class Crew(NamedTuple):
     job: np.ndarray  # int64[1], number of the job that was given out last
     done: np.ndarray  # int64[size * LINE], number of the job that each has done, or 0 has given
     what: np.ndarray  # int64[3], what it is, and its range
-    numbers: np.ndarray  # float64[7], what it needs to know, such as the length of the substep (s)
+    numbers: np.ndarray  # float64[9], what it needs to know, such as the length of the substep (s)
     found: np.ndarray  # int64[size * LINE], what each has found: points that hit, rows, pairs
     deepest: np.ndarray  # float64[size * LINE], likewise: overlap (m), or squares of speeds
 
@@ -47,7 +48,7 @@ def empty_crew(size: int) -> Crew:
     """A crew of so many threads, without a job."""
     lines = size * LINE
     return Crew(size, np.zeros(1, np.int64), np.zeros(lines, np.int64), np.zeros(3, np.int64),
-                np.zeros(7), np.zeros(lines, np.int64), np.zeros(lines))
+                np.zeros(9), np.zeros(lines, np.int64), np.zeros(lines))
 
 
 @lane

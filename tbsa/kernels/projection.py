@@ -11,11 +11,12 @@ import numpy as np
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import GRAZED
-from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, Crew, collect, give
+from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
 from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.manifold import two_points
 from tbsa.kernels.rows import (
+    ALONE,
     AN0,
     AN1,
     AW,
@@ -69,6 +70,8 @@ FLYING = 2.0
 # that is few rows, or no more than there are blocks.  Two passes alone left jammed tiles 1 % of the
 # width in each other for up to half a second.
 PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
+# A list of so many rows is put in the order of the blocks, so that threads share those of a colour.
+MANY_ROWS = 1024
 # What turns further than this (rad) until the middle of the next substep is looked at there.
 ARC = 0.03
 
@@ -224,6 +227,52 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
             hold(r, o, k)
 
 
+@lane
+def part_listed(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
+                angle: np.ndarray, rest: float, left: float, begin: int, end: int) -> None:
+    """Move apart the bodies of these rows of the list; ``changes`` says where there was something
+    to do."""
+    now, changes = rows.now, rows.changes
+    for j in range(begin, end):
+        parted = part_row(rows, now[j], k, v, shift, x, y, angle, rest, left)
+        changes[j] = 1.0 if parted else 0.0
+
+
+@inline
+def part_all(rows: Rows, size: int, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray,
+             y: np.ndarray, angle: np.ndarray, rest: float, left: float, crew: Crew) -> None:
+    """The same of all rows of the list, in its order; of a long one threads share each colour."""
+    now, first = rows.now, rows.first
+    crew.numbers[7], crew.numbers[8] = rest, left
+    done = ZERO
+    for colour in range(ALONE if size >= MANY_ROWS else 0):
+        end = done
+        while end < size and now[end] < WIDE * first[colour + 1]:
+            end += 1
+        mine, last = give(crew, PART, done, end, LEAST_ROWS)
+        part_listed(rows, k, v, shift, x, y, angle, rest, left, mine, last)
+        collect(crew)
+        done = end
+    part_listed(rows, k, v, shift, x, y, angle, rest, left, done, size)
+
+
+@inline
+def in_order(rows: Rows, size: int) -> None:
+    """Put the list in the order of the blocks, if it is long."""
+    now, listed = rows.now, rows.changes
+    if size < MANY_ROWS:
+        return
+    places = U(WIDE * rows.first[COLOURS])
+    for q in range(places):
+        listed[q] = 0.0
+    for j in range(size):
+        listed[now[j]] = 1.0
+    m = U(0)
+    for q in range(places):
+        now[m] = q
+        m += U(listed[q] != 0.0)
+
+
 @inline
 def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray, crew: Crew) -> bool:
@@ -257,16 +306,18 @@ def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np
     for p in range(PROJECTIONS + FURTHER):
         m = ZERO
         left = left if p < PROJECTIONS else DEEPER * SLOP * k.width
+        part_all(rows, size, k, v, shift, x, y, angle, rest, left, crew)
         for j in range(size):
             q = now[j]
             queued[q] = 0
-            if part_row(rows, q, k, v, shift, x, y, angle, rest, left):
+            if rows.changes[j] != 0.0:
                 t = U(q // WIDE) * BODIES + U(q % WIDE)
                 m = queue(rows, v, body[t], m)
                 m = queue(rows, v, body[t + LANES], m)
         some += m
         copy(rows.then, now, m)
         size = m
+        in_order(rows, size)
         if m == 0 or (p + 1 >= PROJECTIONS and m > max(FEW_ROWS, first[COLOURS])):
             break
     for j in range(size):

@@ -23,6 +23,7 @@ from tbsa.kernels.bodies import Numbers
 from tbsa.kernels.crew import (
     CLEAR,
     FILL,
+    HANG,
     KEEP,
     LEAST_BLOCKS,
     LEAST_ROOM,
@@ -325,6 +326,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
             field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = code, code
         j -= 1
     index_rows(rows, m + found, n, mobile)
+    find_islands(rows, m + found, n, mobile)
     return int(found)
 
 
@@ -372,6 +374,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     copy(rows.new_a, ra, m)
     copy(rows.new_b, rb, m)
     copy(rows.new_corner, rows.corner, m)
+    _, end = give(crew, HANG, ZERO, m, LEAST_TILES)  # while this one chooses colours
     set_all(used, ZERO)
     set_all(fill, ZERO)
     last = -1
@@ -405,15 +408,19 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     for q in range(last + 1, COLOURS + 1):
         first[q] = blocks
     rows.size[1] = in_use
-    if first[COLOURS] > 3 * rows.single.size // 4:
-        return False
-    for i in range(m):
+    enough = first[COLOURS] <= 3 * rows.single.size // 4
+    for i in range(m if enough else 0):
         q = slot[i]
         block, at = first[q] + fill[q] // WIDE, fill[q] % WIDE
         if q == ALONE:
             block, at = first[q] + fill[q], 0
         fill[q] += 1
         slot[i] = block * int(BLOCK) + at
+    collect(crew)
+    if end == m:
+        find_islands(rows, m, k.n, mobile)
+    if not enough:
+        return False
     begin, end = give(crew, CLEAR, ZERO, first[COLOURS], LEAST_BLOCKS)
     clear_blocks(rows, k.n, begin, end)
     collect(crew)
@@ -466,9 +473,8 @@ def fill_lane(rows: Rows, at: int, t: int, a: int, b: int, k: Numbers, mobile: n
 
 @inline
 def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
-    """List the rows of every mobile tile, in order, and find what hangs together through them."""
+    """List the rows of every mobile tile, in order."""
     ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
-    island = rows.island
     set_all(start, ZERO)
     for i in range(m):
         start[U(ra[i]) + U(1)] += 1
@@ -485,6 +491,12 @@ def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
         if mobile[b] != 0.0:  # the ground is not
             of[fill[b]] = row
             fill[b] += 1
+
+
+@lane
+def find_islands(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
+    """Find what hangs together through the rows."""
+    ra, rb, island = rows.a, rows.b, rows.island
     for i in range(n + 1):
         island[i] = i
     for i in range(m):
