@@ -104,6 +104,8 @@ def sweep(reference: Reference) -> list[Row]:
         cases += [(TARGET, 4, 1e-9, passes) for passes in PASSES]
     else:  # blocks, where that would take an hour
         cases += [(TARGET, 4, tolerance, 1000) for tolerance in TOLERANCES[1:4]]
+        cases += [(h, 2, tolerance, default.passes) for h in coarse
+                  for tolerance in (default.tolerance, *TOLERANCES[:2])]
     rows = []
     for h, substeps, tolerance, passes in cases:
         scene = at_step(reference.scene, h, substeps=substeps, tolerance=tolerance, passes=passes)
