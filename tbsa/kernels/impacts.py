@@ -322,7 +322,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             an, bn = (an1, bn1) if second else (an0, bn0)
             gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
             if count == 2.0 and ((first and second) or abs(other - gap) < FLUSH * k.width
-                                 or (other < near and abs(vn) <= slow)):
+                                 or (other < near and -slow <= vn <= k.tolerance)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
             if gap <= other:  # the nearer of them alone
                 _, nx, ny, _, _, an, bn, _, _, _, _, at, bt, _, _ = square_square(
