@@ -1010,19 +1010,27 @@ def test_what_turns_on_its_way_to_a_slow_touch_is_not_stopped_on_the_chord(drive
     assert np.abs(np.diff(spins)).max() < 0.1
 
 
-@pytest.mark.parametrize("threshold", [0.0, 0.01])
-def test_a_tile_that_tips_over_lands_as_if_its_first_corner_had_left(threshold):
-    """A plastic one that comes tilted to a held one: the corner that lands first goes off along its
-    arc while the other comes down, slower than what bounces, and is 5e-5 of the width away by then.
-    Whatever the phase of it all in a substep."""
-    tilt, speed, found = 0.0147, 0.4, []
+@pytest.mark.parametrize(("target", "tilt", "along", "e", "threshold", "after"), [
+    ("held tile", 0.0147, -0.06, 0.0, 0.0, -0.1692),
+    ("held tile", 0.0147, -0.06, 0.0, 0.01, -0.1692),
+    ("wall", 0.00277, 0.0229, 0.2, 0.1, -0.086)])
+def test_a_tile_that_tips_over_lands_as_if_its_first_corner_had_left(target, tilt, along, e,
+                                                                     threshold, after):
+    """It comes tilted at 0.4 m/s: the corner that lands first goes off along its arc while the
+    other comes down, slower than what bounces, and is 5e-5 of the width away by then.  Whatever the
+    phase of it all in a substep."""
+    speed, found = 0.4, []
     half = 0.5 * WIDTH * (math.cos(tilt) + math.sin(tilt))
     for phase in np.linspace(0.0, 0.95, 10):
         ahead = (8 + phase) / 1920
-        s = simulate([tile(held=True), tile(0.5 * WIDTH + half + speed * ahead, 0.06 * ahead, tilt,
-                                            -speed, -0.06)],
-                     body=material(friction=0.25, restitution=0.0, restitution_threshold=threshold),
+        face = -0.25  # its x
+        comes = tile(face + half + speed * ahead, -along * ahead, tilt, -speed, along)
+        held = [tile(face - 0.5 * WIDTH, held=True)] if target == "held tile" else []
+        s = simulate([comes, *held],
+                     reactor=None if held else Reactor("rectangle", width=0.5, height=2.0,
+                                                       friction=0.25, restitution=e),
+                     body=material(friction=0.25, restitution=e, restitution_threshold=threshold),
                      substeps=4, tolerance=1e-9, passes=3000)
         s.advance(8)
-        found.append(s.vy[1] / speed)
-    assert found == pytest.approx([-0.1692] * 10, abs=2e-3)
+        found.append(s.vy[0] / speed)
+    assert found == pytest.approx([after] * 10, abs=2e-3)

@@ -681,15 +681,15 @@ def touching(r: np.ndarray, i: int, width: float) -> float:
 def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
     """What else a tile meets whose `row` hits next: ALONE nothing; TOGETHER what it touches and
     does not leave, or hits at the same time."""
-    r, time = rows.field, z.queue.time
+    r, time, slow = rows.field, z.queue.time, min(k.threshold, k.tolerance)
     for p in range(rows.start[tile], rows.start[tile + 1]):
         other = rows.of[p]
         i = lane_of(other)
         hits = r[i + HIT] != 0.0
         if other == row or (r[i + COUNT] == 0.0 and not hits):
             continue
-        leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > k.threshold
-                  and (r[i + COUNT] == 1.0 or r[i + VN1] > k.threshold))
+        leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > slow
+                  and (r[i + COUNT] == 1.0 or r[i + VN1] > slow))
         if (time[other] - time[row] <= SAME * k.h if hits else
                 not leaves and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width)):
             return TOGETHER
