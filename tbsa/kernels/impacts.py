@@ -321,6 +321,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         if count != 0.0 and (first or second):
             an, bn = (an1, bn1) if second else (an0, bn0)
             gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
+            # A corner that leaves is not in contact, though near yet and slower than a bounce.
             if count == 2.0 and ((first and second) or abs(other - gap) < FLUSH * k.width
                                  or (other < near and -slow <= vn <= k.tolerance)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
@@ -680,7 +681,7 @@ def touching(r: np.ndarray, i: int, width: float) -> float:
 @inline
 def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
     """What else a tile meets whose `row` hits next: ALONE nothing; TOGETHER what it touches and
-    does not leave, or hits at the same time."""
+    does not leave, faster than a solve lets it, or hits at the same time."""
     r, time, slow = rows.field, z.queue.time, min(k.threshold, k.tolerance)
     for p in range(rows.start[tile], rows.start[tile + 1]):
         other = rows.of[p]

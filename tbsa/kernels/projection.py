@@ -317,9 +317,9 @@ def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np
         some += m
         copy(rows.then, now, m)
         size = m
-        in_order(rows, size)
         if m == 0 or (p + 1 >= PROJECTIONS and m > max(FEW_ROWS, first[COLOURS])):
             break
+        in_order(rows, size)
     for j in range(size):
         queued[now[j]] = 0
     return some > 0

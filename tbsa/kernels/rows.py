@@ -116,7 +116,8 @@ class Rows(NamedTuple):
     # to be, as it is not in contact ...
     now: np.ndarray  # int64, WIDE a block: the list of this pass, each row as WIDE block + lane
     then: np.ndarray  # int64, WIDE a block: ... of the next
-    changes: np.ndarray  # m/s, WIDE a block: by how much a pass changed the rows on the list
+    changes: np.ndarray  # m/s, WIDE a block: by how much a pass changed the rows on the list; in a
+    # projection whether it moved them
     new_a: np.ndarray  # int64, as a, b and corner: the rows of the next step
     new_b: np.ndarray
     new_corner: np.ndarray
