@@ -451,31 +451,36 @@ def widest(n: int, x: np.ndarray, y: np.ndarray, pairs: Pairs, way: np.ndarray) 
 def fastest(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, begin: int,
             end: int) -> Any:
     """Of the tiles of these rows, the squares of how fast two turn, in root of the sum of squares,
-    and go past each other, at most (1/s^2, m^2/s^2)."""
+    and go past each other, at most; that without what goes along a round wall (1/s^2, m^2/s^2)."""
     vx, vy, w, ra, rb = v.vx, v.vy, v.w, rows.a, rows.b
-    turn2, past2, longest = 0.0, 0.0, JOINED * k.h
+    turn2, past2, all2, longest = 0.0, 0.0, 0.0, JOINED * k.h
     for i in range(U(begin), U(end)):
         a, b = U(ra[i]), U(rb[i])
         dx, dy = vx[b] - vx[a], vy[b] - vy[a]
         speed2 = dx * dx + dy * dy
+        all2 = max(all2, speed2)
         if b == U(k.n) and k.wall == CIRCLE:  # along it tiles slide as they are, but for its bend
             towards = abs(x[a] * dx + y[a] * dy) + longest * speed2
             speed2 = min(speed2, towards * towards / max(x[a] * x[a] + y[a] * y[a], 1e-300))
         past2 = max(past2, speed2)
         turn2 = max(turn2, w[a] * w[a] + w[b] * w[b])
-    return turn2, past2
+    return turn2, past2, all2
 
 
 @inline
 def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, calm: bool,
              crew: Crew) -> int:
-    """Length of the next substeps, in eighths of h, after the tiles that have rows."""
+    """Length of the next substeps, in eighths of h, after the tiles that have rows; 0 where two
+    would go further past each other than their width in one of length h."""
     begin, end = give(crew, PACE, ZERO, rows.size[0], LEAST_TILES)
-    turn2, past2 = fastest(k, rows, x, y, v, begin, end)
+    turn2, past2, all2 = fastest(k, rows, x, y, v, begin, end)
     collect(crew)
     for other in range(1, crew.size if end < rows.size[0] else 1):
         turn2 = max(turn2, crew.deepest[other * LINE])
         past2 = max(past2, crew.deepest[other * LINE + 1])
+        all2 = max(all2, crew.deepest[other * LINE + 2])
+    if k.h * math.sqrt(all2) > k.width:
+        return 0
     turn, past = math.sqrt(turn2), math.sqrt(past2)
     ticks = TICKS * JOINED if calm and k.join_substeps != 0 else TICKS
     while ticks > TICKS and (ticks * k.h * turn > CALM_TURN * TICKS
@@ -484,16 +489,6 @@ def ticks_at(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, ca
     while ticks > 1 and ticks * k.h * turn > TURN * TICKS:
         ticks >>= 1
     return ticks
-
-
-@inline
-def too_fast(n: int, most: float, rows: Rows, v: Bodies) -> bool:
-    """Whether a tile that may touch something in this step is faster than this (m/s)."""
-    vx, vy, start = v.vx, v.vy, rows.start
-    for i in range(n):
-        if vx[i] * vx[i] + vy[i] * vy[i] > most * most and start[i + 1] > start[i]:
-            return True
-    return False
 
 
 @inline
@@ -527,10 +522,10 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
 
 @inline
 def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: MagnetLaw,
-                 x: np.ndarray, y: np.ndarray, angle: np.ndarray, ahead: int, work: Work,
-                 counts: Counts) -> int:
+                 x: np.ndarray, y: np.ndarray, angle: np.ndarray, turns_far: bool, ahead: int,
+                 work: Work, counts: Counts) -> int:
     """Bring the list of magnet pairs up to date for the places at a time `half` from now, or where
-    tiles turn far, up to twice that time.
+    `turns_far` says that a tile does, up to twice that time.
 
     So no pair within the cut-off is ever missing, whatever the age of the list.  Returns an
     error word.
@@ -538,7 +533,7 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     need, turning, pace, speed, near = (work.need, work.turning, work.pace, work.speed,
                                         work.magnets)
     vx, vy, w = work.bodies.vx, work.bodies.vy, work.bodies.w
-    until = 2.0 * half if any_turns_far(k.n, w, 2.0 * half) else half
+    until = 2.0 * half if turns_far else half
     for i in range(U(k.n)):
         pace[i] = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
         speed[i] = pace[i] + 0.7072 * k.width * abs(w[i])
@@ -588,11 +583,11 @@ def place_all(k: Numbers, ahead: float, gain: float, x: np.ndarray, y: np.ndarra
 
 
 @inline
-def strongest(k: Numbers, floor: FloorLaw, work: Work) -> float:
-    """What forces and floor speed no point of a tile up by more than (m/s^2)."""
+def strongest(k: Numbers, floor: FloorLaw, work: Work, loaded: bool) -> float:
+    """What forces, if there are any, and floor speed no point of a tile up by more than (m/s^2)."""
     mobile, fx, fy, torque = work.bodies.mobile, work.fx, work.fy, work.torque
     corner, most = 0.7072 * k.width, 0.0
-    for i in range(U(k.n)):
+    for i in range(U(k.n) if loaded else U(0)):
         pull = (k.im * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i])
                 + k.ii * corner * abs(torque[i]))
         most = max(most, pull if mobile[i] != 0.0 else 0.0)
@@ -602,8 +597,9 @@ def strongest(k: Numbers, floor: FloorLaw, work: Work) -> float:
 @inline
 def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
-                work: Work) -> None:
-    """Forces and torques of magnets and drive a time `half` after the tiles are at x, y."""
+                turns_far: bool, work: Work) -> None:
+    """Forces and torques of magnets and drive a time `half` after the tiles are at x, y; where
+    `turns_far` says that a tile does, the mean of the magnets' over twice that time."""
     if law.cutoff <= 0.0 and k.driven == 0:
         return  # they are zero
     n = k.n
@@ -616,7 +612,7 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
     collect(crew)
     if law.cutoff > 0.0 and work.magnets.size[0] > 0:
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
-        if any_turns_far(n, w, 2.0 * half):
+        if turns_far:
             add_mean_forces(law, work.magnets, 2.0 * half, x, y, angle, v, fx, fy, torque)
     if k.driven != 0:
         drive(t, parameters, whole(midx, n), whole(midy, n), whole(mid_angle, n), whole(vx, n),
@@ -862,28 +858,30 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         late = rows.size[LATE]
         for part in range(parts):
+            turns_far = magnetic and any_turns_far(n, w, part_length)
             if magnetic:
                 error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
-                                     np.int64(1) if part == 0 else ZERO, work, counts)
+                                     turns_far, np.int64(1) if part == 0 else ZERO, work, counts)
                 if error != OK:
                     break
             find_forces((begun + step) * (k.substeps * k.h) + (part + 0.5) * part_length, k,
                         0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle,
-                        work)
+                        turns_far, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
-            hardest = strongest(k, floor, work)
+            hardest = strongest(k, floor, work, magnetic or k.driven != 0)
             end = left - all_ticks // parts
             while left > end:
                 if further > 0:
                     error, found = update_rows(k, reach, left, further, tiles, state, work, counts)
                     overlap = found if found >= 0.0 else overlap
                 if further > 0 or rows.size[LATE] > late:
-                    if error == OK and too_fast(n, 0.5 * k.width / k.h, rows, v):
-                        error = TOO_FAST
                     if error != OK:
                         break
                     wanted = ticks_at(k, rows, x, y, v,
                                       last[0] <= FEW and overlap <= CALM * k.width, work.crew)
+                    if wanted == 0:
+                        error = TOO_FAST
+                        break
                 # What has just hit is where it is to be only after the time that was foreseen.
                 ticks = min(promised, left - end)
                 ticks = ticks if last[2] > 0 else min(wanted, ticks)
@@ -1013,8 +1011,9 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == BEYOND:
             crew.found[me * LINE] = mark_beyond(k, crew.numbers[5], x, y, angle, work, first, last)
         elif what == PACE:
-            turn2, past2 = fastest(k, rows, x, y, v, first, last)
+            turn2, past2, all2 = fastest(k, rows, x, y, v, first, last)
             crew.deepest[me * LINE], crew.deepest[me * LINE + 1] = turn2, past2
+            crew.deepest[me * LINE + 2] = all2
         elif what == KEEP:
             crew.found[me * LINE] = remember(rows, k.n, state.impulses, first, last)
         elif what == CLEAR:

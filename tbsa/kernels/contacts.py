@@ -136,7 +136,12 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> 
             h * (nx * vx_ab + ny * vy_ab), h * (nx * vy_ab - ny * vx_ab), h * (wa if of_a else wb),
             h * (wb - wa if of_a else wa - wb))
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h2 * bend0, per_h2 * bend1
-        swept = (count > 0.5) & (min(gap0, gap1) < way) & (h * (abs(wa) + abs(wb)) > SWEPT)
+        # As seen from a, which turns: what goes round with it stays where it is.
+        mx, my = r[o + I00 + i] + 0.5 * h * vx_ab, r[o + I11 + i] + 0.5 * h * vy_ab
+        ux, uy = vx_ab + wa * my, vy_ab - wa * mx
+        past = max(abs(ux), abs(uy)) + 0.7072 * width * abs(wb - wa)
+        swept = ((count > 0.5) & (min(gap0, gap1) < way) & (h * (abs(wa) + abs(wb)) > SWEPT)
+                 & (h * past > 0.7072 * SWEPT * width))
         # At the end of a face an edge slopes on to a corner beside it, that comes to lie over it;
         # what is near is left to the solve, in which that changes little.
         ca, sa, cb, sb = r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i]

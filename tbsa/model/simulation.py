@@ -313,8 +313,8 @@ class Simulation:
             Where it is negative.
         SimulationError
             Where a position or velocity is no longer a finite number, a tile would go
-            further than half its width in a substep, or the user's drive raises; and in
-            every call after that.
+            further than its width past what it may touch in a substep, or the user's drive
+            raises; and in every call after that.
         """
         left = operator.index(steps)
         if left < 0:
@@ -349,10 +349,12 @@ class Simulation:
             return (f"the drive raised {type(raised[0]).__name__} "
                     f"({' '.join(str(raised[0]).split())}){between}")
         if error == core.TOO_FAST:
-            near = np.diff(self._work.rows.start[: self.numbers.n + 1]) > 0
-            speed = float(np.hypot(self.vx, self.vy)[near].max())
-            return (f"a tile has {speed:.3g} m/s at t = {self.time} s and would go further than "
-                    f"half its width in a substep of {self.numbers.h:.3g} s; use shorter steps")
+            rows, v = self._work.rows, self.state
+            a, b = rows.a[: rows.size[0]], rows.b[: rows.size[0]]
+            speed = float(np.hypot(v.vx[b] - v.vx[a], v.vy[b] - v.vy[a]).max())
+            return (f"a tile goes at {speed:.3g} m/s past what it may touch at t = {self.time} s, "
+                    f"further than its width in a substep of {self.numbers.h:.3g} s; use shorter "
+                    "steps")
         if error == core.TOO_MANY:
             return (f"at t = {self.time} s tiles come together so fast that pairs multiply within "
                     f"a step of {self.h:.3g} s; use shorter steps")

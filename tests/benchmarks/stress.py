@@ -157,13 +157,14 @@ def _scaled(width: float) -> Scene:
         solver=replace(solver(h), tolerance=Solver().tolerance * time_scale))
 
 
-def _limit(speed: float, h: float) -> str:
-    """Why a scene with such speeds (m/s) cannot be followed at steps of `h`; "" if it can.
+def _limit(closing: float, h: float) -> str:
+    """Why a scene in which two go at each other at such a speed (m/s) cannot be followed at steps
+    of `h`; "" if it can.
 
-    Two tiles that each go further than half a width in a substep can pass through one another.
+    What comes nearer by more than a width in a substep can pass through one another.
     """
-    travel = 2.0 * speed * h / Solver().substeps
-    return f"two tiles close by up to {travel / W:.1f} w in a substep, > w" if travel > W else ""
+    travel = closing * h / Solver().substeps
+    return f"a tile closes by up to {travel / W:.2f} w in a substep, > w" if travel > W else ""
 
 
 def _stiff(scene: Scene) -> str:
@@ -188,7 +189,8 @@ def _fast_tile(speed: float, h: float, against: str) -> Row:
     tiles = {"wall": [tile(0, 0, 0.2, (speed, 0.1 * speed))],
              "held": [tile(0.3, 0, held=True), tile(0, 0.2 * W, 0.3, (speed, 0.0))],
              "other": [tile(-0.3, 0, 0.1, (speed, 0.0)), tile(0.3, 0.2 * W, 0.7, (-speed, 0.0))]}
-    limit = _limit(speed, h)
+    limit = _limit(math.hypot(speed, 0.1 * speed) if against == "wall" else
+                   speed if against == "held" else 2.0 * speed, h)
 
     def passed(s: Simulation) -> bool:
         return bool((against == "held" and s.x[1] > 0.3) or (
