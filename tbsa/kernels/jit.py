@@ -178,12 +178,12 @@ class _Raw(JITCodeLibrary):
 class _RawApart(_Raw):
     """The same of a helper that is to stay a function of its own."""
 
-    def finalize(self) -> None:
+    def add_ir_module(self, ir_module: Any) -> None:
         """Tell LLVM before its helpers are there, which may become part of it."""
-        for function in self._final_module.functions:
+        for function in ir_module.functions:
             if not function.is_declaration:
-                function.add_function_attribute("noinline")
-        super().finalize()
+                function.attributes.add("noinline")
+        super().add_ir_module(ir_module)
 
 
 class _Whole(JITCodeLibrary):

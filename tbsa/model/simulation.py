@@ -480,7 +480,7 @@ def _reason(error: Exception, path: Path) -> str:
     if helper := re.match(r"Untyped global name (.+?): .* <class 'function'>", reason):
         reason = (f"{helper[1]} is a function that is not compiled: those that a drive calls must "
                   "be jitted, with @numba.njit")
-    elif re.match(r"No conversion from .* to none for '\$\w*return_value", reason):
+    elif re.match(r"No conversion from .* to none for '\$\w*return_", reason):
         reason = "it must not return anything: it adds to fx, fy and torque"
     elif reason == "must be builtin_function_or_method":  # Numba's word for it
         reason = "it must not go back to Python, as with objmode"
