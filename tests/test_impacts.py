@@ -833,6 +833,27 @@ def test_a_tile_that_lay_still_gets_its_friction_from_the_hit_on():
         assert s.vx[1] == pytest.approx(hit - a * (s.time - (v0 - hit) / a), abs=1e-9)
 
 
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("e", [0.2, 1.0])
+def test_what_is_pressed_against_a_wall_is_slowed_down_to_its_hit_too(law, e):
+    """A smooth wall bears the load, but not the floor's friction.
+
+    Until 0.11.0 such a tile hit as fast as when the substep began, up to 1.5 mu g h too fast.
+    """
+    a, v0, h = MU * GRAVITY, 0.1, 1 / 1920
+    for part in np.linspace(0.0, 1.0, 9):
+        gap = 0.001 + part * h * v0
+        s = simulate([tile(0.5 * (1.0 - WIDTH), 0, 0, 0, v0)], body=material(),
+                     reactor=Reactor("rectangle", width=1.0, height=2 * gap + WIDTH,
+                                     friction=0.0, restitution=e),
+                     floor=Floor(law), drive=Drive("constant", (2 * MASS * GRAVITY, 0.0), 0.0),
+                     step=h, tolerance=1e-10)
+        hit = math.sqrt(v0 * v0 - 2 * a * gap)
+        s.advance(math.ceil((v0 - hit) / a / h) + 2)
+        left = max(e * hit - a * (s.time - (v0 - hit) / a), 0.0)
+        assert s.vy[0] == pytest.approx(-left, abs=5e-6)  # m/s; mu g h is 1.3e-3
+
+
 # In another frame.
 
 

@@ -151,18 +151,17 @@ def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndar
          s: np.ndarray, i: int) -> None:
     """Give tile i, once, what forces and floor give it in the substep if it meets nothing.
 
-    One that is pressed against another gets nothing: what bears it takes that again.
+    What bears a tile that is pressed against another takes the forces on it, but not its friction.
     """
     if v.mobile[i] == 0.0 or z.drawn[i] != 0:
         return
     z.drawn[i] = 1
     z.pulled[z.size[2]] = i
     z.size[2] += 1
-    if pressed(rows, i):
-        return
     h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
-    tx, ty, tw = (vx + h * im * loads.fx[i], vy + h * im * loads.fy[i],
-                  w + h * ii * loads.torque[i])
+    free = 0.0 if pressed(rows, i) else h
+    tx, ty, tw = (vx + free * im * loads.fx[i], vy + free * im * loads.fy[i],
+                  w + free * ii * loads.torque[i])
     if floor.law != NONE:
         px, py, pt, stops, halts = floor_impulse(
             floor.law, vx, vy, w, tx, ty, tw, 1.0 / im, 1.0 / ii, floor.force * h,
