@@ -65,6 +65,7 @@ from tbsa.kernels.rows import (
     WARM1,
     WARMT,
     WIDE,
+    E,
     Rows,
 )
 
@@ -78,6 +79,8 @@ SWEPT = 0.1
 SLOPING = 1e-3
 # What has been stopped by no more than this part of the tolerance was not pressed together.
 GRAZED = 1e-3
+# Nearer than this (widths), what gives nothing back and neither comes nor goes is in contact.
+RESTS = 1e-5
 # The solve leaves a point with this velocity alone (m/s): there is none.
 NEVER = 1e30
 
@@ -227,7 +230,7 @@ def place_block(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, 
 
 @inline
 def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float,
-                tolerance: float, gain: float) -> int:
+                tolerance: float, near: float, gain: float) -> int:
     """Effective masses of a block's rows and what closes; returns the points that may hit.
 
     k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
@@ -238,11 +241,12 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
     what the last solve left, and leave it to the next.  What was let go on to hit may have got an
     impulse of rounding.
 
-    A row is live if one of its points has an impulse, or may close within h, forces and all: where
-    none is, a solve changes nothing.
+    A row is live if one of its points has an impulse, or may close within h, forces and all, or
+    gives nothing back and may rest there, nearer than `near` (m), so that it is to get one (`hold`
+    in projection.py): where none is, a solve changes nothing.
     """
     r, per_h, least = rows.field, 1.0 / h, GRAZED * tolerance
-    o = U(block) * BLOCK
+    o, slow = U(block) * BLOCK, threshold + tolerance + per_h * gain
     some, live = 0, 0
     for i in range(LANES):
         ma, mb = r[o + MA + i], r[o + MB + i]
@@ -276,6 +280,8 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         closes0 = (count > 0.5) & (gap0 + h * (vn0 + bend0) <= gain)
         closes1 = two & (gap1 + h * (vn1 + bend1) <= gain)
         pressed = (r[o + WARM0 + i] > 0.0) | (r[o + WARM1 + i] > 0.0)
+        rests = (r[o + E + i] == 0.0) & (count > 0.5) & (
+            ((gap0 < near) & (abs(vn0) < slow)) | (two & (gap1 < near) & (abs(vn1) < slow)))
         hit0 = closes0 & (vn0 < -threshold) & (k00 * r[o + WARM0 + i] <= least)
         hit1 = closes1 & (vn1 < -threshold) & (k11 * r[o + WARM1 + i] <= least)
         perhaps = ((r[o + HIT + i] != 0.0) & (k00 * r[o + WARM0 + i] <= least)
@@ -283,7 +289,7 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
         r[o + HIT + i] = -1.0 if perhaps & (hit == 0.0) else hit
         some += 1 if perhaps | hit0 | hit1 else 0
-        live += 1 if closes0 | closes1 | pressed else 0
+        live += 1 if closes0 | closes1 | pressed | rests else 0
     rows.hits[block], rows.live[block] = some, live
     queued, first = rows.queued, U(block) * LANES
     for i in range(LANES):
@@ -326,6 +332,7 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
             for block in range(start, end):
                 place_block(rows, block, k, gain, x, y, c, s, v)
         for block in range(start, end):
-            struck += weigh_block(rows, block, k.h, per_mass, k.threshold, k.tolerance, gain)
+            struck += weigh_block(rows, block, k.h, per_mass, k.threshold, k.tolerance,
+                                  RESTS * k.width, gain)
             deepest = min(deepest, deepest_gap(rows, block))
     return struck, -deepest

@@ -28,7 +28,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import NEVER, SPARE, SWEPT, place_block, weigh_block
+from tbsa.kernels.contacts import NEVER, RESTS, SPARE, SWEPT, place_block, weigh_block
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
@@ -453,7 +453,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
         for i in range(BLOCK):
             kept[i] = r[first + i]
     place_block(rows, block, k, gain, x, y, c, s, v)
-    weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, gain)
+    weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, RESTS * k.width, gain)
     if others:
         for field in range(ZERO, BLOCK, LANES):
             for i in range(LANES):

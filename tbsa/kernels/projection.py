@@ -10,7 +10,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import GRAZED
+from tbsa.kernels.contacts import GRAZED, RESTS
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
 from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
@@ -62,8 +62,6 @@ from tbsa.kernels.sweeps import lane_of, queue
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.
 SLOP = 1e-3
-# Nearer than this (widths), what gives nothing back and neither comes nor goes is in contact.
-TOUCHING = 1e-3
 # Tolerances beyond the threshold of restitution at which a pressed point still is on its way.
 FLYING = 2.0
 # Passes of what takes it back, in a substep; and as many more over what is deeper, in slops, while
@@ -173,7 +171,7 @@ def hold(r: np.ndarray, o: int, k: Numbers) -> None:
     What slides along a curve comes again in the next substep.  There the solve bears it; it would
     hit, and be stopped, in every substep.
     """
-    least, slow, little = (TOUCHING * k.width, k.threshold + k.tolerance,
+    least, slow, little = (RESTS * k.width, k.threshold + k.tolerance,
                            2.0 * GRAZED * k.tolerance)
     for i in range(LANES):
         at = o + i
