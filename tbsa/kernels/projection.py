@@ -180,8 +180,12 @@ def hold(r: np.ndarray, o: int, k: Numbers) -> None:
         v0 = along + r[at + BN0] * wb - r[at + AN0] * wa
         v1 = along + r[at + BN1] * wb - r[at + AN1] * wa
         plastic = r[at + E] == 0.0
-        stays0 = plastic & (count > 0.5) & (r[at + GAP0] < least) & (abs(v0) < slow)
-        stays1 = plastic & (count > 1.5) & (r[at + GAP1] < least) & (abs(v1) < slow)
+        g0 = r[at + GAP0] + k.h * (v0 + k.h * r[at + BEND0])
+        g1 = r[at + GAP1] + k.h * (v1 + k.h * r[at + BEND1])
+        stays0 = (plastic & (count > 0.5) & (r[at + GAP0] < least) & (g0 < least)
+                  & (abs(v0) < slow))
+        stays1 = (plastic & (count > 1.5) & (r[at + GAP1] < least) & (g1 < least)
+                  & (abs(v1) < slow))
         r[at + PN0] = max(r[at + PN0], little * r[at + I00]) if stays0 else r[at + PN0]
         r[at + PN1] = max(r[at + PN1], little * r[at + I11]) if stays1 else r[at + PN1]
 
