@@ -475,6 +475,23 @@ def test_the_profile_of_a_polarisation_ends_in_the_other_of_its_two_valleys():
     assert interval(found, "polarisation") == pytest.approx((0.841, 0.923), abs=1e-3)
 
 
+def test_a_profile_reaches_beyond_another_minimum():
+    """A cuboid of 19 mm and 0.32 T and one of 10.5 mm fit; what lies between does not."""
+    model = models("gap")["cuboid"]
+    truth = dict(zip(model.names, (0.3237, 19.06e-3, 4.644e-3), strict=True))
+    gaps = 1e-3 * np.array([0.331, 0.360, 0.961, 1.274, 1.339, 1.403, 3.252, 5.024, 8.291, 17.01,
+                            18.43, 20.40])
+    noise = [-1.11, -0.38, 0.87, 0.49, 0.23, 0.67, 0.95, -0.86, -1.23, -1.15, 1.86, -1.05]
+    force = model.force(gaps, *truth.values())
+    found = fit(model, gaps, force * (1 + 0.02 * np.array(noise)), 0.02 * force)
+    allowed = (found.quantile(0.95) * found.scale) ** 2
+    assert found.values[1] < 12e-3
+    assert profile(found, "side", 15e-3) - found.chi2 > allowed
+    for name, (low, high) in intervals(found).items():
+        assert profile(found, name, truth[name]) - found.chi2 < allowed
+        assert low < truth[name] < high
+
+
 def test_a_profile_does_not_depend_on_what_was_looked_at_before():
     found = fit(models("gap")["cuboid"], GAPS, CUBOIDS, 0.01 * CUBOIDS)
     places = np.linspace(1.15, 1.6, 7)

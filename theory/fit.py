@@ -520,7 +520,8 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
     method
         ``"profile"``: the values at which the least chi^2 over the other parameters exceeds
         its minimum by (t scale)^2 (Bates and Watts, Nonlinear Regression, 1988, 6.1); needs
-        loss ``"linear"``.  An end that the bounds cut off is the bound.  ``"bootstrap"``:
+        loss ``"linear"``.  An end that the bounds cut off is the bound.  Where chi^2 has another
+        minimum within that, the interval reaches beyond it.  ``"bootstrap"``:
         :func:`bootstrap`.  ``"normal"``: value -+ t standard errors, within the bounds; of
         `Fit.inside` for a parameter that is not at one.  Of a robust loss it is approximate.
     level, number, seed
@@ -553,8 +554,11 @@ def intervals(fit: Fit, method: str = "profile", level: float = 0.95, number: in
         raise ValueError("a profile needs loss linear: a robust loss has no likelihood; "
                          "use normal")
     t, along = fit.quantile(level), _valley(fit)
-    return {fit.model.names[k]: (_profile(fit, int(k), t, -1, along),
-                                 _profile(fit, int(k), t, +1, along)) for k in which}
+    minima = _minima(fit, t, along)
+    last = np.flatnonzero(fit.free)[-1]
+    along = sorted([*along, *minima], key=lambda values: float(values[last]))
+    return {fit.model.names[k]: (_profile(fit, int(k), t, -1, along, minima),
+                                 _profile(fit, int(k), t, +1, along, minima)) for k in which}
 
 
 def _check_level(level: float) -> None:
@@ -594,6 +598,12 @@ def _valley(fit: Fit) -> list[Floats]:
     return sorted(found, key=lambda values: float(values[k]))
 
 
+def _minima(fit: Fit, t: float, along: Sequence[Floats]) -> list[Floats]:
+    """Minima of chi^2 that its valley leads to, of those within the threshold of a profile."""
+    found = [_solve(replace(fit, values=values)) for values in along]
+    return [each.values for each in found if each.chi2 - fit.chi2 < (t * fit.scale) ** 2]
+
+
 def _held(fit: Fit, k: int, value: float, along: Sequence[Floats]) -> Fit:
     """The best fit with parameter k held at `value`, whatever was looked at before.
 
@@ -611,9 +621,11 @@ def _held(fit: Fit, k: int, value: float, along: Sequence[Floats]) -> Fit:
     return min(held, key=lambda each: each.chi2 if np.isfinite(each.chi2) else math.inf)
 
 
-def _profile(fit: Fit, k: int, t: float, side: int, along: Sequence[Floats]) -> float:
+def _profile(fit: Fit, k: int, t: float, side: int, along: Sequence[Floats],
+             minima: Sequence[Floats]) -> float:
     """Where the profile of parameter k passes its threshold; the bound if it does not before.
 
+    Beyond the last of the other `minima`: between two of them it may pass it and come back.
     Nor does it where it passes because another parameter has come to where the search for it ends:
     the data alone would let both go on.  (What magnets cannot be is another matter.)
     """
@@ -631,7 +643,7 @@ def _profile(fit: Fit, k: int, t: float, side: int, along: Sequence[Floats]) -> 
 
     error = fit.errors[k]
     step = t * (error if np.isfinite(error) and error > 0 else 0.1 * fit.unit[k])
-    inner, outer = float(fit.values[k]), float(fit.values[k])
+    inner = outer = side * max(side * float(values[k]) for values in (fit.values, *minima))
     for _ in range(60):
         outer = inner + side * step
         outer = max(outer, limit) if side < 0 else min(outer, limit)
