@@ -1043,6 +1043,20 @@ def test_every_option_gives_a_fit(here, capsys, options):
     assert re.search(r"(alpha|force) +[\d.]+ +[\d.]+ +[\d.]+ to [\d.]+", capsys.readouterr().out)
 
 
+def test_outliers_of_a_robust_fit_do_not_say_that_it_misses_its_points(here, capsys):
+    """That all points are less exact than their uncertainties does."""
+    noise = np.random.default_rng(5).standard_normal(R.size)
+    force, sd = LAW.force(R, ALPHA, BETA), 0.01 * LAW.force(R, ALPHA, BETA)
+    wrong = np.where(np.isin(np.arange(R.size), (3, 11)), 1.4, 1.0)
+    for name, measured in (("few", (force + sd * noise) * wrong), ("all", force + 4 * sd * noise)):
+        write(here / f"{name}.csv", 1000 * R, measured, sd,
+              head=("centre (mm)", "force (N)", "sd (N)"))
+        assert run(f"{name}.csv", "--loss", "huber") == 0
+        assert ("misses the points" in capsys.readouterr().out) == (name == "all")
+    assert run("few.csv") == 0
+    assert "misses the points" in capsys.readouterr().out
+
+
 def test_intervals_of_a_robust_loss_are_said_to_be_approximate(here, capsys):
     assert run("good.csv", "--inset", "1.5mm") == 0
     assert "approximate" not in capsys.readouterr().out

@@ -189,13 +189,15 @@ class Fit:
         return math.nan if self.sd is None else float(chi2_distribution.sf(self.chi2, self.dof))
 
     @property
+    def scatter(self) -> float:
+        """How far points lie from the curve, in uncertainties: sqrt(chi^2/dof), or of a robust
+        loss by their median, for which outliers do not count."""
+        return (math.sqrt(self.chi2 / self.dof) if self.loss == "linear" else _median_scale(self))
+
+    @property
     def scale(self) -> float:
-        """The scatter, in uncertainties: 1 if these are absolute, else sqrt(chi^2/dof)."""
-        if self.absolute:
-            return 1.0
-        if self.loss != "linear":
-            return _median_scale(self)
-        return math.sqrt(self.chi2 / self.dof)
+        """The scatter that errors are scaled by: 1 if uncertainties are absolute."""
+        return 1.0 if self.absolute else self.scatter
 
     @property
     def at_bound(self) -> NDArray[np.int64]:
