@@ -32,8 +32,8 @@ def fade(r: float, law: Law) -> float:
     """The switch S = 1 - 10 u^3 + 15 u^4 - 6 u^5, u = 0...1 over the last part of the cut-off.
 
     S, S' and S'' are continuous.  Without a cut-off there is no switch.  With one that is sharp
-    (`switch` 0) what is just at it may count or not, by rounding: the outer magnets of a bonded pair
-    are a width apart.
+    (`switch` 0) what is just at it may count or not, by rounding: the outer magnets of a bonded
+    pair are a width apart.
     """
     if r >= law.cutoff:
         return 0.0
