@@ -369,7 +369,8 @@ def test_the_runs_are_those_that_tbsa_run_makes(here, whole):
 
 
 def test_the_table_tells_what_each_run_was_and_how_it_ended(here, whole):
-    plan, table = read_plan("campaign.toml"), pd.read_csv(whole / "table.csv")
+    plan = read_plan("campaign.toml")
+    table = pd.read_csv(whole / "table.csv", float_precision="round_trip")
     assert table["run"].tolist() == [each.name for each in plan]
     assert table["seed"].tolist() == [1, 2, 1, 2, 7]
     assert table["drive.force"].tolist()[:4] == [0.08, 0.08, 0.1, 0.1]

@@ -155,7 +155,7 @@ def test_the_legend_of_a_sheet_is_no_wider_than_it(every_mark, panels):
 def test_a_legend_is_no_wider_than_the_picture_if_it_can_be(every_mark):
     """It has as few rows as that takes, and is there in any case."""
     columns = []
-    for wide in (20.0, 8.0, 7.0, 3.0, 1.0):
+    for wide in (20.0, 8.0, 6.0, 3.0, 1.0):
         figure = Figure(figsize=(wide, 3.0))
         draw(*record(scene_of()), ax=figure.add_axes((0.15, 0.5, 0.8, 0.4)))
         legend = figure.axes[0].get_legend()
