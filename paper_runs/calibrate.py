@@ -394,8 +394,8 @@ def finals(ranked: Sequence[Candidate], number: int) -> str:
     chosen = eligible(ranked)[:number]
     shaken = list(dict.fromkeys((each.law, each.force) for each in chosen))
 
-    def array(values: Sequence[object]) -> str:
-        return "[" + ", ".join(f'"{each}"' if isinstance(each, str) else repr(each)
+    def array(values: Sequence[str | float]) -> str:
+        return "[" + ", ".join(f'"{each}"' if isinstance(each, str) else repr(float(each))
                                for each in values) + "]"
 
     return f'''# The settings that came closest to the paper in the maps, run in full.
