@@ -192,7 +192,7 @@ class Fit:
     def scatter(self) -> float:
         """How far points lie from the curve, in uncertainties: sqrt(chi^2/dof), or of a robust
         loss by their median, for which outliers do not count."""
-        return (math.sqrt(self.chi2 / self.dof) if self.loss == "linear" else _median_scale(self))
+        return math.sqrt(self.chi2 / self.dof) if self.loss == "linear" else _median_scale(self)
 
     @property
     def scale(self) -> float:

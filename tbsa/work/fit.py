@@ -375,9 +375,9 @@ def _local(result: Result) -> list[str]:
     main, found = result.main, []
     runs, both = fitting.runs(main), fitting.halves(main)
     # Of a robust fit outliers do not count; the median of normal ones has an error of 1.17/sqrt(n).
-    misses = (main.p_value < 0.01 if main.loss == "linear"
-              else main.scatter > 1.0 + 2.33 * 1.17 / math.sqrt(main.force.size))
-    if main.sd is not None and misses:
+    if main.sd is not None and (
+            main.p_value < 0.01 if main.loss == "linear"
+            else main.scatter > 1.0 + 2.33 * 1.17 / math.sqrt(main.force.size)):
         found.append(f"the curve misses the points by {main.scatter:.3g} times their uncertainty")
     if main.absolute and main.p_value > 0.99:
         found.append("the points lie nearer to the curve than their uncertainties let expect, by "
