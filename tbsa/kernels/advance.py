@@ -122,6 +122,8 @@ from tbsa.kernels.rows import (
     remember,
     remember_all,
     rows_from,
+    same,
+    same_impulses,
 )
 from tbsa.kernels.solver import find_scales, limit_work, relax, scale_impulses, work_on
 from tbsa.kernels.sweeps import (
@@ -146,10 +148,14 @@ TICKS = 8
 # turn further (rad), than this in what they are joined to.
 JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
 
+# Where no tile goes further than this in a step (widths), one may change nothing, by rounding.
+STILL = 1e-15
+
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
 # its pairs are found anew; a fast one fewer, no further than this (widths), but a step for magnets.
 # A longer list is older and has more on it that is out of reach.
-PAIR_STEPS, PAIR_ROOM, PAIR_MOST = 8.0, 0.35, 0.5
+# Of up to so many tiles all pairs are few.
+PAIR_STEPS, PAIR_ROOM, PAIR_MOST, PAIR_FEW = 8.0, 0.35, 0.5, 8
 MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 3.0, 0.03, 0.1
 # Up to one tile in so many that comes further than assumed, and in the substep of an impact so many
 # of a small scene, has its rows added; for more, all rows are found anew.
@@ -224,6 +230,7 @@ class Counts(NamedTuple):
 
     steps: np.ndarray  # int64[1]
     substeps: np.ndarray
+    still: np.ndarray  # steps that were not done, as they would have changed nothing
     joined: np.ndarray  # substeps saved by joining them
     lists: np.ndarray  # pair lists built
     surprises: np.ndarray  # times rows were added or found again within a step
@@ -256,18 +263,27 @@ def note_overlap(overlap: float, width: float, ticks: int, counts: Counts) -> No
                    else 3 if share <= 2e-2 else 4] += ticks
 
 
+@inline
+def note_still(steps: int, deep: Any, counts: Counts) -> None:
+    """Count steps like the last one that are not done; `deep` are the times by overlap before it."""
+    counts.steps[0] += steps
+    counts.still[0] += steps
+    for i in range(5):
+        counts.overlap[i] += steps * (counts.overlap[i] - deep[i])
+
+
 @lane
 def kick(k: Numbers, h: float, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodies,
-         kicked: Bodies, begin: int, end: int) -> None:
-    """Give every mobile one of these tiles the impulse of the forces; note its velocity at the
-    start of the substep, and when it has been kicked."""
+         kicked: Bodies, noted: bool, begin: int, end: int) -> None:
+    """Give every mobile one of these tiles the impulse of the forces; where a solve follows, with
+    a note of its velocity at the start of the substep, and when it has been kicked."""
     fm, fi = h / k.mass, h / k.inertia
     vx, vy, w, mobile = v.vx, v.vy, v.w, v.mobile
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
     kx, ky, kw = kicked.vx, kicked.vy, kicked.w
     first, last = U(begin), U(end)
-    for i in range(first, last):
+    for i in range(first, last if noted else first):
         startx[i], starty[i], startw[i] = vx[i], vy[i], w[i]
         floorx[i] = floory[i] = floort[i] = 0.0
     for i in range(first, last):
@@ -275,6 +291,7 @@ def kick(k: Numbers, h: float, fx: np.ndarray, fy: np.ndarray, torque: np.ndarra
         vx[i] += fm * fx[i] if free else 0.0
         vy[i] += fm * fy[i] if free else 0.0
         w[i] += fi * torque[i] if free else 0.0
+    for i in range(first, last if noted else first):
         kx[i], ky[i], kw[i] = vx[i], vy[i], w[i]
 
 
@@ -364,7 +381,9 @@ def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarra
 
 @inline
 def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None:
-    """Slow these tiles down by these factors."""
+    """Slow these tiles down by these factors, if they do."""
+    if linear == 1.0 and angular == 1.0:
+        return
     vx, vy, w = v.vx, v.vy, v.w
     for i in range(U(begin), U(end)):
         vx[i] *= linear
@@ -509,9 +528,10 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     margin, pairs, vx, vy = work.margin, work.pairs, work.bodies.vx, work.bodies.vy
     if ahead * k.keep_lists == ahead and not stale(pairs, k.n, x, y, need):
         return OK
+    most = PAIR_MOST * k.width * max(1.0, PAIR_FEW / k.n)
     for i in range(U(k.n)):
         pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
-        way = min(PAIR_STEPS * k.substeps * k.h * pace, PAIR_MOST * k.width)
+        way = min(PAIR_STEPS * k.substeps * k.h * pace, most)
         margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
     found = list_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
     counts.lists[0] += 1
@@ -597,11 +617,15 @@ def strongest(k: Numbers, floor: FloorLaw, work: Work, loaded: bool) -> float:
 @inline
 def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw, drive: Any,
                 parameters: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
-                turns_far: bool, work: Work) -> None:
+                turns_far: bool, loaded: bool, work: Work) -> bool:
     """Forces and torques of magnets and drive a time `half` after the tiles are at x, y; where
-    `turns_far` says that a tile does, the mean of the magnets' over twice that time."""
-    if law.cutoff <= 0.0 and k.driven == 0:
-        return  # they are zero
+    `turns_far` says that a tile does, the mean of the magnets' over twice that time.
+
+    Returns whether any may be other than zero, as `loaded` says of those that are there.
+    """
+    magnetic = law.cutoff > 0.0 and work.magnets.size[0] > 0
+    if not (loaded or magnetic or k.driven != 0):
+        return False
     n = k.n
     v, fx, fy, torque, crew = work.bodies, work.fx, work.fy, work.torque, work.crew
     midx, midy, mid_angle = work.midx, work.midy, work.mid_angle
@@ -610,7 +634,7 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
     begin, end = give(crew, AHEAD, ZERO, n, LEAST_TILES)
     look_ahead(half, law, x, y, angle, work, begin, end)
     collect(crew)
-    if law.cutoff > 0.0 and work.magnets.size[0] > 0:
+    if magnetic:
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
         if turns_far:
             add_mean_forces(law, work.magnets, 2.0 * half, x, y, angle, v, fx, fy, torque)
@@ -618,6 +642,7 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
         drive(t, parameters, whole(midx, n), whole(midy, n), whole(mid_angle, n), whole(vx, n),
               whole(vy, n), whole(w, n), whole(tiles.family, n), whole(tiles.forward, n),
               whole(fx, n), whole(fy, n), whole(torque, n))
+    return magnetic or k.driven != 0
 
 
 @inline
@@ -745,6 +770,42 @@ def any_live(rows: Rows) -> bool:
     return some != 0
 
 
+@inline
+def hardly_moves(k: Numbers, v: Bodies) -> bool:
+    """Whether no tile goes further than `STILL` in a step; mostly the first ones say no."""
+    vx, vy, w = v.vx, v.vy, v.w
+    for i in range(U(k.n)):
+        pace = abs(vx[i]) + abs(vy[i]) + k.width * abs(w[i])
+        if k.substeps * k.h * pace > STILL * k.width:
+            return False
+    return True
+
+
+@lane
+def note_state(k: Numbers, state: State, work: Work) -> None:
+    """Note velocities and impulses in the state, as at the end of a call, and where tiles are."""
+    n, v, place = k.n, work.bodies, work.shift
+    copy(v.vx, state.vx, n + 1)
+    copy(v.vy, state.vy, n + 1)
+    copy(v.w, state.omega, n + 1)
+    copy(state.x, place.startx, n)
+    copy(state.y, place.starty, n)
+    copy(state.angle, place.startw, n)
+    keep_impulses(k, work.rows, state, work.crew)
+
+
+@lane
+def as_noted(k: Numbers, state: State, work: Work) -> bool:
+    """Whether velocities, places and impulses are those that were noted, to the bit."""
+    v, place, rows, old = work.bodies, work.shift, work.rows, state.impulses
+    for i in range(U(k.n)):
+        if not (same(v.vx[i], state.vx[i]) and same(v.vy[i], state.vy[i])
+                and same(v.w[i], state.omega[i]) and same(state.x[i], place.startx[i])
+                and same(state.y[i], place.starty[i]) and same(state.angle[i], place.startw[i])):
+            return False
+    return same_impulses(rows, rows.size[0], k.n, old)
+
+
 @lane  # or it is handed some hundred arguments, of a tile or two as well
 def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, left: float,
             pull: float, slow: float, slow_spin: float, floor: FloorLaw, state: State, work: Work,
@@ -795,7 +856,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
         last[2] = 0
 
     low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
-    kick(k, h, work.fx, work.fy, work.torque, v, before, low, high)
+    kick(k, h, work.fx, work.fy, work.torque, v, before, m > 0 or floor.law != 0, low, high)
     collect(crew)
     live = m > 0 and (k.skip_converged == 0 or any_live(rows))
     last[0] = 0
@@ -850,10 +911,18 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     set_all(rows.effort, ZERO)
     error, done, wanted, overlap = OK, 0, TICKS, 0.0
     fresh = last[1] == 0  # nothing has looked ahead yet
+    loaded = True  # by what was there before
     promised = max(last[1], 1)
     kh = with_substep(k, k.h)
     slow, slow_spin = damping(kh)
     for step in range(steps):
+        # The state is all that a step depends on: one that leaves it as it is need not be done again.
+        watched = k.skip_still != 0 and not fresh and hardly_moves(k, v)
+        if watched:
+            note_state(k, state, work)
+        before = (promised, last[0], last[2])
+        deep = (counts.overlap[0], counts.overlap[1], counts.overlap[2], counts.overlap[3],
+                counts.overlap[4])
         left = all_ticks
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         late = rows.size[LATE]
@@ -864,11 +933,12 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                                      turns_far, np.int64(1) if part == 0 else ZERO, work, counts)
                 if error != OK:
                     break
-            find_forces((begun + step) * (k.substeps * k.h) + (part + 0.5) * part_length, k,
-                        0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle,
-                        turns_far, work)
+            loaded = find_forces(
+                (begun + step) * (k.substeps * k.h) + (part + 0.5) * part_length, k,
+                0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle, turns_far,
+                loaded, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
-            hardest = strongest(k, floor, work, magnetic or k.driven != 0)
+            hardest = -1.0  # not asked for yet
             end = left - all_ticks // parts
             while left > end:
                 if further > 0:
@@ -896,6 +966,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 ahead = (ticks + 0.5 * promised) * tick - middle
                 fresh = False
                 late = rows.size[LATE]
+                if hardest < 0.0 and rows.size[0] > 0:
+                    hardest = strongest(k, floor, work, loaded)
                 overlap = substep(k, kh, ticks, middle, ahead, left * tick, hardest, slow,
                                   slow_spin, floor, state, work, counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
@@ -913,6 +985,11 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         scale_to(rows, np.int64(TICKS))
         done += 1
         counts.steps[0] += 1
+        if (watched and promised == before[0] and last[0] == before[1] and last[2] == before[2]
+                and as_noted(k, state, work)):
+            note_still(steps - done, deep, counts)
+            done = steps
+            break
     last[1] = 0 if fresh else promised  # of a first step that lacked space it is still to come
     keep_impulses(k, rows, state, work.crew)
     copy(vx, state.vx, n + 1)
@@ -979,7 +1056,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
             struck, deepest = place_all(k, ahead_time, gain, x, y, work, first, last)
             crew.found[me * LINE], crew.deepest[me * LINE] = struck, deepest
         elif what == KICK:
-            kick(k, h, work.fx, work.fy, work.torque, v, work.shift, first, last)
+            kick(k, h, work.fx, work.fy, work.torque, v, work.shift, True, first, last)
         elif what == APPLY:
             apply_blocks(rows, k.per_mass, v, first, last)
         elif what == SWEEP:

@@ -35,6 +35,7 @@ class Numbers(NamedTuple):
     keep_lists: int  # 1, or 0: find pairs and magnet pairs anew every step
     skip_converged: int  # 1, or 0: solve every row in every pass
     join_substeps: int  # 1, or 0: never a longer one than h
+    skip_still: int  # 1, or 0: do every step; 0, too, where loads depend on time
     driven: int  # 1, or 0: nothing drives the tiles
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
@@ -75,4 +76,5 @@ def with_substep(k: Numbers, h: float) -> Numbers:
     return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.im, k.ii, k.per_mass,
                    k.linear_damping, k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold,
                    min(k.h / h, 1.0) * k.tolerance, k.at_rest, k.passes, k.keep_lists,
-                   k.skip_converged, k.join_substeps, k.driven, k.wall, k.wall_x, k.wall_y)
+                   k.skip_converged, k.join_substeps, k.skip_still, k.driven, k.wall, k.wall_x,
+                   k.wall_y)

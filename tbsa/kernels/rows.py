@@ -14,6 +14,7 @@ a block and solved by itself.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -588,3 +589,28 @@ def remember(rows: Rows, n: int, store: Impulses, begin: int, end: int) -> int:
         spn0[j], spn1[j], spt[j] = r[k + PN0], r[k + PN1], r[k + PT]
         j += 1 if (r[k + PN0] != 0.0) | (r[k + PN1] != 0.0) else 0
     return j - begin
+
+
+@lane
+def same_impulses(rows: Rows, m: int, n: int, store: Impulses) -> bool:
+    """Whether `remember` would store what is in the store, to the bit."""
+    ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
+    j, size = ZERO, store.size[0]
+    for i in range(m):
+        k = U(slot[i])
+        if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:
+            continue
+        if not (j < size and store.a[j] == ra[i] and store.b[j] == rb[i]
+                and store.id0[j] == int(r[k + ID0])
+                and store.id1[j] == (-1 if rb[i] == n else int(r[k + ID1]))
+                and same(store.pn0[j], r[k + PN0]) and same(store.pn1[j], r[k + PN1])
+                and same(store.pt[j], r[k + PT])):
+            return False
+        j += 1
+    return bool(j == size)
+
+
+@lane
+def same(a: float, b: float) -> bool:
+    """Whether two numbers are the same to the bit; of zeros the sign counts."""
+    return (a == b) & (math.copysign(1.0, a) == math.copysign(1.0, b))

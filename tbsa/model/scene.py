@@ -145,6 +145,7 @@ class Solver:
     keep_lists: bool = True  # of near pairs, while nobody comes too far; off: found every step
     skip_converged: bool = True  # rows that no longer change; off: every pass solves all
     join_substeps: bool = True  # up to eight, where a scene is calm; off: never longer ones
+    skip_still: bool = True  # steps in which nothing changes any more; off: they are done
 
 
 @dataclass(frozen=True)
@@ -373,6 +374,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "keep_lists": _boolean,
         "skip_converged": _boolean,
         "join_substeps": _boolean,
+        "skip_still": _boolean,
     },
     Record: {
         "interval": _number(0, 1e9, "s", above=True),
@@ -902,16 +904,19 @@ def entries(part: Any) -> dict[str, str]:
 
 
 def canonical(scene: Scene) -> bytes:
-    """The scene for a hash: without a field that came later than others where it changes nothing,
+    """The scene for a hash: without fields that came later than others where they change nothing,
     so that scenes of before have the same."""
-    return dumps(scene).replace("\nat_rest = 1.0\n", "\n", 1).encode()
+    text = dumps(scene)
+    for line in ("at_rest = 1.0", "skip_still = true"):
+        text = text.replace(f"\n{line}\n", "\n", 1)
+    return text.encode()
 
 
 def fingerprint(scene: Scene) -> str:
     """SHA-256 (hex) of everything that the trajectory depends on.
 
-    Left out are ``title``, ``file``, ``record``, ``run.duration``, the colours and the
-    temperature (that of the ground truth, not of the tiles).  Of a user's own drive the bytes
+    Left out are ``title``, ``file``, ``record``, ``run.duration``, ``solver.skip_still``, the
+    colours and the temperature (that of the ground truth, not of the tiles).  Of a user's own drive the bytes
     of the module count, not its path; nor do files that it reads and modules that it imports, which
     is why it has to stand alone.
     """
@@ -921,7 +926,7 @@ def fingerprint(scene: Scene) -> str:
         drive = replace(drive, module="")
     bare = replace(
         scene, title="", file="", temperature=2, record=Record(), drive=drive,
-        run=replace(scene.run, duration=1.0),
+        run=replace(scene.run, duration=1.0), solver=replace(scene.solver, skip_still=True),
         types=tuple(replace(tile_type, colour="") for tile_type in scene.types))
     return hashlib.sha256(canonical(bare) + b"\0" + module).hexdigest()
 

@@ -76,6 +76,11 @@ def floor_limits(scene: Scene) -> tuple[float, float]:
     return force, floor.angular * weight * TORQUE * body.width
 
 
+def steady(scene: Scene) -> bool:
+    """Whether the loads on a tile depend on where it is alone, and not on time or velocity."""
+    return scene.drive is None or scene.drive.kind == "constant"
+
+
 def cores() -> int:
     """Cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -204,7 +209,9 @@ class Simulation:
             at_rest=float(scene.solver.at_rest), passes=int(scene.solver.passes),
             keep_lists=int(scene.solver.keep_lists),
             skip_converged=int(scene.solver.skip_converged),
-            join_substeps=int(scene.solver.join_substeps), driven=int(scene.drive is not None),
+            join_substeps=int(scene.solver.join_substeps),
+            skip_still=int(scene.solver.skip_still and steady(scene)),
+            driven=int(scene.drive is not None),
             wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
             wall_x=0.0 if wall is None else float(wall.radius if circle else 0.5 * wall.width),
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,
