@@ -25,6 +25,7 @@ from scenes import (
     CHESSBOARD,
     INERTIA,
     MASS,
+    SLIDING,
     WIDTH,
     cloud,
     material,
@@ -145,7 +146,7 @@ def numbers(n, wall=0, size=0.0):
     """Of n tiles of 1 kg, and a wall."""
     inertia = WIDTH**2 / 6.0
     return Numbers(n, WIDTH, 1e-3, 1, 1.0, inertia, 1.0, 1.0 / inertia, 1.0 / inertia, 0.0, 0.0,
-                   0.5, 0.5, 0.5, 0.5, 0.01, 1e-3, 1.0, 1, 1, 1, 1, 0, wall, size, size)
+                   0.5, 0.5, 0.5, 0.5, 0.01, 1e-3, 1.0, 1, 1, 1, 1, 1, 0, wall, size, size)
 
 
 NO_IMPULSES, ALONE_CREW = empty_impulses(1), empty_crew(1)
@@ -456,6 +457,64 @@ def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, toleranc
     assert np.median(velocities) < tolerance
     assert np.quantile(velocities, 0.75) < 2 * tolerance
     assert np.quantile(ways, 0.75) < 2 * tolerance * 0.25
+
+
+def at_rest_soon(what, **options):
+    """Scenes that come to rest; loads are there, and go on."""
+    parts = {"body": Material(), "step": 1 / 120, "substeps": 12, "tolerance": 2e-2, "passes": 80}
+    pair = [tile(0.0, held=True, kind="black"), tile(0.0395, 0.001, 0.05, kind="white")]
+    if what == "bonded":
+        return scene(pair, types=CHESSBOARD, magnet=Magnet(), floor=Floor(),
+                     **parts | options)
+    if what == "bonded, without floor":  # at rest but for rounding, which moves nothing any more
+        return scene(pair, types=CHESSBOARD, magnet=Magnet(), **parts | {"substeps": 8} | options)
+    if what == "pressed":
+        tiles = [tile(0.0305 * i + 0.001, 0.0303 * j, 0.02 * i) for i in range(3) for j in range(2)]
+        return scene(tiles, reactor=Reactor("rectangle", width=0.17, height=0.1), floor=Floor(),
+                     drive=Drive("constant", (0.06, -0.05), 2e-4), **parts | options)
+    return scene([tile(vx=0.3, spin=9.0), tile(0.2, vy=-0.5)], floor=Floor(law=what),
+                 **parts | options)
+
+
+@pytest.mark.parametrize("what", ["bonded", "bonded, without floor", "pressed", "separate",
+                                  "coupled", "exact"])
+def test_a_step_that_changes_nothing_is_not_done_again(what):
+    """To the bit, wherever a run is cut, and with the time of the steps left out in the times by
+    overlap."""
+    resting, plain, cut = (Simulation(at_rest_soon(what, skip_still=skip))
+                           for skip in (True, False, True))
+    for s in (resting, plain):
+        s.advance(3000)
+    for steps in (1, 2, 7, 190, 800, 2000):
+        cut.advance(steps)
+    for s in (plain, cut):
+        for mine, other in zip(resting.state[:7], s.state[:7], strict=True):
+            assert mine.tobytes() == other.tobytes()
+        size = resting.state.impulses.size[0]
+        for mine, other in zip(resting.state.impulses[1:], s.state.impulses[1:], strict=True):
+            assert size == s.state.impulses.size[0]
+            assert mine[:size].tobytes() == other[:size].tobytes()
+        assert s.counts.steps[0] == s.steps == 3000
+        assert (s.counts.overlap == resting.counts.overlap).all()
+    assert resting.counts.still[0] > 2000 > plain.counts.still[0] == 0
+    assert 2000 < cut.counts.still[0] < resting.counts.still[0]
+
+
+def test_what_is_at_rest_under_a_load_that_depends_on_time_is_asked_again(tmp_path):
+    """A tile that nothing moves for a second, then a push."""
+    (tmp_path / "late.py").write_text("""
+def late(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
+    if t > 1.0:
+        fx += p[0]
+""")
+    push = Drive("user", module="late.py", function="late", parameters=(1.1 * SLIDING,))
+    s = simulate([tile(), tile(0.1)], floor=Floor(), step=1 / 120, drive=push,
+                 file=str(tmp_path / "scene.toml"))
+    s.run(1.0)
+    assert not s.vx.any()
+    s.run(0.5)
+    assert s.vx == pytest.approx([0.5 * 0.1 * SLIDING / MASS] * 2, rel=1e-9)
+    assert s.counts.still[0] == 0
 
 
 @pytest.mark.parametrize(("parts", "rounding"), [

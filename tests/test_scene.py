@@ -466,7 +466,7 @@ def test_a_drive_of_ones_own_is_written_and_read_back(tmp_path):
 
 @pytest.mark.parametrize("change", [
     {"title": "another"}, {"file": "another.toml"}, {"record": Record(1.0, 2.0)},
-    {"run": Run(1.0, 1)}, {"temperature": 1},
+    {"run": Run(1.0, 1)}, {"temperature": 1}, {"solver": Solver(skip_still=False)},
     {"types": tuple(replace(kind, colour="red") for kind in SETS["chessboard"])},
 ])
 def test_what_leaves_the_trajectory_alone_leaves_the_fingerprint_alone(change):

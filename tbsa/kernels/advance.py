@@ -210,6 +210,8 @@ class Work(NamedTuple):
     midx: np.ndarray  # m, rad, where the tiles are at the middle of the half
     midy: np.ndarray
     mid_angle: np.ndarray
+    mid_c: np.ndarray  # ... and cos and sin of the angles there, where there are magnets
+    mid_s: np.ndarray
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
@@ -222,7 +224,7 @@ def by_itself(w: Work) -> Work:
     """The same, with nobody to help."""
     return Work(w.pairs, w.rows, w.bodies, w.shift, w.scratch, w.c, w.s, w.far, w.way, w.x0, w.y0,
                 w.angle0, w.pace, w.speed, w.need, w.turning, w.margin, w.midx, w.midy,
-                w.mid_angle, w.fx, w.fy, w.torque, w.magnets, nobody(w.crew))
+                w.mid_angle, w.mid_c, w.mid_s, w.fx, w.fy, w.torque, w.magnets, nobody(w.crew))
 
 
 class Counts(NamedTuple):
@@ -265,7 +267,7 @@ def note_overlap(overlap: float, width: float, ticks: int, counts: Counts) -> No
 
 @inline
 def note_still(steps: int, deep: Any, counts: Counts) -> None:
-    """Count steps like the last one that are not done; `deep` are the times by overlap before it."""
+    """Count steps like the last one that are not done; `deep`: times by overlap before it."""
     counts.steps[0] += steps
     counts.still[0] += steps
     for i in range(5):
@@ -366,6 +368,17 @@ def turn(begin: int, end: int, angle: np.ndarray, c: np.ndarray, s: np.ndarray) 
     """Cosine and sine of the angles of these tiles."""
     for i in range(U(begin), U(end)):
         c[i], s[i] = cos_sin(angle[i])
+
+
+@inline
+def turn_again(begin: int, end: int, known: bool, angle: np.ndarray, work: Work) -> None:
+    """Cosine and sine of the angles of these tiles, or if they are known those of the middle of
+    the half."""
+    if known:
+        for i in range(U(begin), U(end)):
+            work.c[i], work.s[i] = work.mid_c[i], work.mid_s[i]
+    else:
+        turn(begin, end, angle, work.c, work.s)
 
 
 @inline
@@ -590,8 +603,8 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
         mid_angle[i] = angle[i] + half * w[i]
         fx[i] = fy[i] = torque[i] = 0.0
     if law.cutoff > 0.0 and work.magnets.size[0] > 0:
-        turn(begin, end, mid_angle, work.c, work.s)
-        place_magnets(work.magnets, law.offset, midx, midy, work.c, work.s, begin, end)
+        turn(begin, end, mid_angle, work.mid_c, work.mid_s)
+        place_magnets(work.magnets, law.offset, midx, midy, work.mid_c, work.mid_s, begin, end)
 
 
 @lane
@@ -642,7 +655,7 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
         drive(t, parameters, whole(midx, n), whole(midy, n), whole(mid_angle, n), whole(vx, n),
               whole(vy, n), whole(w, n), whole(tiles.family, n), whole(tiles.forward, n),
               whole(fx, n), whole(fy, n), whole(torque, n))
-    return magnetic or k.driven != 0
+    return bool(magnetic or k.driven != 0)
 
 
 @inline
@@ -803,16 +816,17 @@ def as_noted(k: Numbers, state: State, work: Work) -> bool:
                 and same(v.w[i], state.omega[i]) and same(state.x[i], place.startx[i])
                 and same(state.y[i], place.starty[i]) and same(state.angle[i], place.startw[i])):
             return False
-    return same_impulses(rows, rows.size[0], k.n, old)
+    return bool(same_impulses(rows, rows.size[0], k.n, old))
 
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
-def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, left: float,
-            pull: float, slow: float, slow_spin: float, floor: FloorLaw, state: State, work: Work,
-            counts: Counts) -> float:
+def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahead: float,
+            left: float, pull: float, slow: float, slow_spin: float, floor: FloorLaw, state: State,
+            work: Work, counts: Counts) -> float:
     """A substep of length kh.h, so many eighths of k.h, from whose `middle` (s from its beginning)
     a time `ahead` counts for what may touch; with `left` (s) of the step to go when it begins, and
-    nothing sped up by more than `pull` (m/s^2).
+    nothing sped up by more than `pull` (m/s^2).  `known`: there, angles are those of the middle of
+    the half.
 
     Damping leaves `slow` and `slow_spin` of velocities in half of it.  Returns the deepest overlap
     (m).
@@ -824,7 +838,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
     numbers = crew.numbers
     gain = 2.0 * pull * h * ahead
     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4] = h, ahead, slow, slow_spin, gain
-    numbers[6] = middle
+    numbers[6], numbers[9] = middle, known
     counts.substeps[0] += 1
     counts.joined[0] += max(ticks // TICKS - 1, 0)
     counts.rows[0] += m
@@ -833,7 +847,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, ahead: float, le
     drift(low, high, middle, v, x, y, angle)
     damp(low, high, slow, slow_spin, v)
     if m > 0 or floor.law == EXACT:
-        turn(low, high, angle, c, s)
+        turn_again(low, high, known, angle, work)
     collect(crew)
 
     if m > 0:
@@ -916,7 +930,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     kh = with_substep(k, k.h)
     slow, slow_spin = damping(kh)
     for step in range(steps):
-        # The state is all that a step depends on: one that leaves it as it is need not be done again.
+        # A step depends on the state alone: one that leaves it as it is need not be done again.
         watched = k.skip_still != 0 and not fresh and hardly_moves(k, v)
         if watched:
             note_state(k, state, work)
@@ -968,7 +982,9 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 late = rows.size[LATE]
                 if hardest < 0.0 and rows.size[0] > 0:
                     hardest = strongest(k, floor, work, loaded)
-                overlap = substep(k, kh, ticks, middle, ahead, left * tick, hardest, slow,
+                known = (left - end == all_ticks // parts and middle == 0.5 * part_length
+                         and magnetic and work.magnets.size[0] > 0)
+                overlap = substep(k, kh, ticks, middle, known, ahead, left * tick, hardest, slow,
                                   slow_spin, floor, state, work, counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
@@ -1051,7 +1067,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == BEGIN:
             drift(first, last, crew.numbers[6], v, x, y, angle)
             damp(first, last, slow, slow_spin, v)
-            turn(first, last, angle, work.c, work.s)
+            turn_again(first, last, crew.numbers[9] != 0.0, angle, work)
         elif what == PLACE:
             struck, deepest = place_all(k, ahead_time, gain, x, y, work, first, last)
             crew.found[me * LINE], crew.deepest[me * LINE] = struck, deepest

@@ -39,7 +39,7 @@ class Crew(NamedTuple):
     job: np.ndarray  # int64[1], number of the job that was given out last
     done: np.ndarray  # int64[size * LINE], number of the job that each has done, or 0 has given
     what: np.ndarray  # int64[3], what it is, and its range
-    numbers: np.ndarray  # float64[9], what it needs to know, such as the length of the substep (s)
+    numbers: np.ndarray  # float64[10], what it needs to know, such as the length of the substep (s)
     found: np.ndarray  # int64[size * LINE], what each has found: points that hit, rows, pairs
     deepest: np.ndarray  # float64[size * LINE], likewise: overlap (m), or squares of speeds
 
@@ -48,7 +48,7 @@ def empty_crew(size: int) -> Crew:
     """A crew of so many threads, without a job."""
     lines = size * LINE
     return Crew(size, np.zeros(1, np.int64), np.zeros(lines, np.int64), np.zeros(3, np.int64),
-                np.zeros(9), np.zeros(lines, np.int64), np.zeros(lines))
+                np.zeros(10), np.zeros(lines, np.int64), np.zeros(lines))
 
 
 @lane

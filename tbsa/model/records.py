@@ -55,7 +55,7 @@ GLANCE = 0.25
 # A run's own files that are replaced as wholes.
 REPLACED = ("scene.toml", "run.json", "layout.npz", "checkpoint.npz", "drive.py")
 # Counters of what a process has done, not of the run: they differ where a run was broken off.
-OF_PROCESS = ("lists", "magnet_lists", "magnet_pairs")
+OF_PROCESS = ("lists", "magnet_lists", "magnet_pairs", "still")
 
 
 @dataclass(frozen=True)

@@ -916,9 +916,9 @@ def fingerprint(scene: Scene) -> str:
     """SHA-256 (hex) of everything that the trajectory depends on.
 
     Left out are ``title``, ``file``, ``record``, ``run.duration``, ``solver.skip_still``, the
-    colours and the temperature (that of the ground truth, not of the tiles).  Of a user's own drive the bytes
-    of the module count, not its path; nor do files that it reads and modules that it imports, which
-    is why it has to stand alone.
+    colours and the temperature (that of the ground truth, not of the tiles).  Of a user's own drive
+    the bytes of the module count, not its path; nor do files that it reads and modules that it
+    imports, which is why it has to stand alone.
     """
     drive, module = scene.drive, b""
     if drive is not None and drive.kind == "user":

@@ -37,7 +37,7 @@ DONE = {
     "projections": ("substeps with deep overlap moved back", "of substeps"),
 }
 LEFT_OUT = {
-    "still": ("steps not done, as nothing changes any more", "of steps"),
+    "still": ("steps not done, as nothing changes any more", "of steps_here"),
     "joined": ("substeps joined with others in calm scenes", "of all_substeps"),
     "kept_lists": ("steps with an older list of near pairs", "of steps_here"),
     "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps_here"),
