@@ -32,7 +32,8 @@ half, where the scene is calm: next to nothing overlaps, and tiles that may touc
 A free tile goes as if a half were one substep, so that the forces, which change slowly, are
 found twice a step; contacts converge better, and spinning tiles meet more exactly, in more and
 shorter substeps than in more passes.  The state at the end of a step, with the contact impulses,
-is all that the next one needs.
+is all that the next one needs.  What hits only after that is shown where it is until then, and how
+it goes is kept beside (`look_back`, `foresee`).
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ from tbsa.kernels.crew import (
 )
 from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, cos_sin
-from tbsa.kernels.impacts import Loads, Scratch, impacts
+from tbsa.kernels.impacts import Loads, Scratch, forget_early, impacts, spread_early
 from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, solo
 from tbsa.kernels.magnets import (
     MagnetLaw,
@@ -175,6 +176,11 @@ class State(NamedTuple):
     omega: np.ndarray  # rad/s
     # int64[3], of the last substep: passes, the next one foreseen (h/8, 0 at first), hits
     last: np.ndarray
+    # What the last substep has foreseen to hit only after its end: int64[n + 1], how many tiles,
+    # and which; float64[6 n], their x, y, angle, vx, vy, omega, as now, and as the next step begins
+    early: np.ndarray
+    seen: np.ndarray
+    goes: np.ndarray
     impulses: Impulses
 
 
@@ -821,12 +827,12 @@ def as_noted(k: Numbers, state: State, work: Work) -> bool:
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
 def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahead: float,
-            left: float, pull: float, slow: float, slow_spin: float, floor: FloorLaw, state: State,
-            work: Work, counts: Counts) -> float:
+            left: float, seen: bool, pull: float, slow: float, slow_spin: float, floor: FloorLaw,
+            state: State, work: Work, counts: Counts) -> float:
     """A substep of length kh.h, so many eighths of k.h, from whose `middle` (s from its beginning)
     a time `ahead` counts for what may touch; with `left` (s) of the step to go when it begins, and
     nothing sped up by more than `pull` (m/s^2).  `known`: there, angles are those of the middle of
-    the half.
+    the half.  `seen`: the tiles are looked at when it ends.
 
     Damping leaves `slow` and `slow_spin` of velocities in half of it.  Returns the deepest overlap
     (m).
@@ -850,6 +856,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
         turn_again(low, high, known, angle, work)
     collect(crew)
 
+    loads = Loads(h, gain, work.fx, work.fy, work.torque, floor, h - middle if seen else math.inf,
+                  slow, slow_spin, state.early, state.seen)
     if m > 0:
         blocks = rows.first[COLOURS]
         low, high = give(crew, PLACE, ZERO, blocks, LEAST_BLOCKS)
@@ -861,7 +869,6 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
         note_overlap(overlap, k.width, ticks, counts)
         last[2] = 0
         if struck > 0:
-            loads = Loads(h, gain, work.fx, work.fy, work.torque, floor)
             last[2] = hit(k, ahead, left - middle, loads, state, work, counts)
             counts.impacts[0] += last[2]
             m = rows.size[0]
@@ -889,6 +896,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
             turn_round(rows, floor, kh, c, s, v)
             drift_back(kh, floor, before, v, x, y, angle, crew)
 
+    if state.early[0] > 0:
+        spread_early(rows, loads, n, v, x, y, angle)
     low, high = give(crew, END, ZERO, n, LEAST_TILES)
     damp(low, high, slow, slow_spin, v)
     drift(low, high, h - middle, v, x, y, angle)
@@ -896,7 +905,36 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
     if live and project(rows, with_substep(k, ahead), ahead - (h - middle), v, work.shift, x, y,
                          angle, crew):
         counts.projections[0] += 1
+        if state.early[0] > 0:
+            forget_early(rows, loads, work.shift)
     return overlap
+
+
+@inline
+def look_back(state: State) -> None:
+    """Put the tiles that hit only after now to where they are, and keep how they go then."""
+    early, seen, goes = state.early, state.seen, state.goes
+    for j in range(early[0]):
+        i = U(early[j + 1])
+        for f, numbers in enumerate((state.x, state.y, state.angle, state.vx, state.vy,
+                                     state.omega)):
+            goes[6 * j + f], numbers[i] = numbers[i], seen[6 * j + f]
+
+
+@inline
+def foresee(state: State) -> None:
+    """Put the tiles that `look_back` has put to where they are back to how they go, unless
+    somebody else has moved them meanwhile."""
+    early, seen, goes = state.early, state.seen, state.goes
+    for j in range(early[0]):
+        i, o = U(early[j + 1]), 6 * j
+        if (state.x[i] == seen[o] and state.y[i] == seen[o + 1] and state.angle[i] == seen[o + 2]
+                and state.vx[i] == seen[o + 3] and state.vy[i] == seen[o + 4]
+                and state.omega[i] == seen[o + 5]):
+            for f, numbers in enumerate((state.x, state.y, state.angle, state.vx, state.vy,
+                                         state.omega)):
+                numbers[i] = goes[o + f]
+    early[0] = 0
 
 
 @lane
@@ -911,6 +949,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     """
     n, x, y, angle, last, v, rows = (k.n, state.x, state.y, state.angle, state.last, work.bodies,
                                      work.rows)
+    foresee(state)
     copy(state.vx, v.vx, n + 1)
     copy(state.vy, v.vy, n + 1)
     copy(state.omega, v.w, n + 1)
@@ -984,8 +1023,9 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                     hardest = strongest(k, floor, work, loaded)
                 known = (left - end == all_ticks // parts and middle == 0.5 * part_length
                          and magnetic and work.magnets.size[0] > 0)
-                overlap = substep(k, kh, ticks, middle, known, ahead, left * tick, hardest, slow,
-                                  slow_spin, floor, state, work, counts)
+                overlap = substep(k, kh, ticks, middle, known, ahead, left * tick,
+                                  step + 1 == steps and left == ticks, hardest, slow, slow_spin,
+                                  floor, state, work, counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks
@@ -1011,6 +1051,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     copy(vx, state.vx, n + 1)
     copy(vy, state.vy, n + 1)
     copy(w, state.omega, n + 1)
+    look_back(state)
     counts.solves[0] += rows.effort[0]
     counts.unsolved[0] += rows.effort[1]
     for i in range(n):

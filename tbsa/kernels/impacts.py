@@ -144,6 +144,77 @@ class Loads(NamedTuple):
     fy: np.ndarray
     torque: np.ndarray  # N m
     floor: FloorLaw
+    end: float  # s, from its middle; inf where nobody looks at the tiles then
+    slow: float  # what damping leaves of velocities until then
+    slow_spin: float
+    early: np.ndarray  # int64[n + 1], how many tiles hit only after that, and which; and ...
+    seen: np.ndarray  # float64[6 n], their x, y, angle, vx, vy and omega at the end (SI units)
+
+
+@inline
+def note_seen(loads: Loads, i: int, x: float, y: float, angle: float, vx: float, vy: float,
+              w: float) -> None:
+    """Note where tile i is at the end of the substep, going like this from its middle on."""
+    early, seen, end, m = loads.early, loads.seen, loads.end, loads.early[0]
+    early[0], early[m + 1] = m + 1, i
+    ux, uy, uw = loads.slow * vx, loads.slow * vy, loads.slow_spin * w
+    for f, number in enumerate((x + end * ux, y + end * uy, angle + end * uw, ux, uy, uw)):
+        seen[6 * m + f] = number
+
+
+@inline
+def note_early(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray, i: int,
+               time: float) -> None:
+    """Note where tile i will be at the end of the substep, if it hits at a time after that, for
+    the first time: an impact puts it to where its new velocity comes from, within what it hits."""
+    if time <= loads.end:
+        return
+    for j in range(loads.early[0]):
+        if loads.early[j + 1] == i:
+            return
+    note_seen(loads, i, x[i], y[i], angle[i], v.vx[i], v.vy[i], v.w[i])
+
+
+@inline
+def spread_early(rows: Rows, loads: Loads, n: int, v: Bodies, x: np.ndarray, y: np.ndarray,
+                 angle: np.ndarray) -> None:
+    """Note as well what the tiles that hit after the end have pressed on in the solve, from where
+    they go then: it goes on as it did, so that momentum is that of one moment."""
+    early, moved, r, body = loads.early, v.moved, rows.field, rows.body
+    set_all(moved, ZERO)
+    for j in range(early[0]):
+        moved[early[j + 1]] = 1
+    j = 0
+    while j < early[0]:
+        j += 1
+        for p in range(rows.start[early[j]], rows.start[early[j] + 1]):
+            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+            if r[at + PN0] == 0.0 and r[at + PN1] == 0.0:
+                continue
+            for other in (body[t], body[t + LANES]):
+                if other < n and v.mobile[other] != 0.0 and moved[other] == 0:
+                    moved[other] = 1
+                    note_seen(loads, other, x[other], y[other], angle[other], v.startx[other],
+                              v.starty[other], v.startw[other])
+
+
+@inline
+def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
+    """Take back the notes of what hangs together with one that projection has moved, as that has
+    changed its velocities, too."""
+    early, seen, island, moved = loads.early, loads.seen, rows.island, shift.moved
+    set_all(moved, ZERO)
+    for j in range(1, early[0] + 1):
+        i = early[j]
+        if shift.vx[i] != 0.0 or shift.vy[i] != 0.0 or shift.w[i] != 0.0:
+            moved[island[i]] = 1
+    m = 0
+    for j in range(early[0]):
+        early[m + 1] = early[j + 1]
+        for f in range(6):
+            seen[6 * m + f] = seen[6 * j + f]
+        m += 1 - moved[island[early[j + 1]]]
+    early[0] = m
 
 
 @inline
@@ -389,6 +460,9 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
     ma, mb, part = v.mobile[a], v.mobile[b], time / loads.h - 0.5
     ax0, ay0, aw0, bx0, by0, bw0 = vx[a], vy[a], w[a], vx[b], vy[b], w[b]
+    for body_index in (a, b):
+        if v.mobile[body_index] != 0.0:
+            note_early(loads, v, x, y, angle, int(body_index), time)
     share(v, z, a, part)
     share(v, z, b, part)
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
@@ -518,7 +592,8 @@ def may_close(gap: float, nearest: float, touch: float, left: float, width: floa
 
 @inline
 def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads) -> None:
+          y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads,
+          begun: float) -> None:
     """Let row q take part in the impact, at its time: without impulses, and its gap may close if it
     hits.
 
@@ -536,6 +611,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             continue
         if z.in_it[i] == 0:
             draw(rows, k, loads, v, z, c, s, i)
+            note_early(loads, v, x, y, angle, i, begun)
             z.in_it[i] = 1
             z.tiles[z.size[1]] = i
             z.size[1] += 1
@@ -565,7 +641,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
 
 @inline
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-           angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, size: int,
+           angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float, size: int,
            fine: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
@@ -602,7 +678,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                         if gap > touching(r, i, k.width):
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
-                        enter(rows, other, k, v, z, x, y, angle, c, s, loads)
+                        enter(rows, other, k, v, z, x, y, angle, c, s, loads, begun)
                     known[other] = 2
                     then[m] = other
                     m += 1
@@ -765,7 +841,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
     while queue.size[0] > 0 or size > 0:
         if size > 0 and (queue.size[0] == 0
                          or queue.time[queue.heap[0]] - begun > SAME * k.h):
-            together(rows, k, v, z, x, y, angle, c, s, loads, size)
+            together(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
             size = ZERO
             continue
         row = take(queue)
@@ -805,20 +881,22 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
 
 @inline
 def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-             angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, size: int) -> None:
-    """Impulses of the `size` rows in ``rows.now``, that hit together, and of what they reach."""
+             angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
+             size: int) -> None:
+    """Impulses of the `size` rows in ``rows.now``, that hit together, the first of them at the time
+    `begun` (s), and of what they reach."""
     r, body = rows.field, rows.body
     z.size[0] = z.size[1] = 0
     fastest = 0.0
     for j in range(size):
         at = lane_of(rows.now[j])
         fastest = max(fastest, -r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
-        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads)
+        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads, begun)
         z.known[rows.now[j]] = 2
     fine = min(ROUGH * k.tolerance, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, x, y, angle, c, s, loads, size, fine)
+    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -850,7 +928,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, v, z, x, y, angle, c, s, loads, size, fine)
+        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tbsa.errors import InputError
-from tbsa.kernels.advance import MORE_ROWS
+from tbsa.kernels.advance import MORE_ROWS, State
 from tbsa.model.layout import Layout
 from tbsa.model.scene import (
     Scene,
@@ -292,9 +292,16 @@ def save_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
     _write_arrays(path, {
         "format": FORMAT, "fingerprint": mark, "steps": simulation.steps,
         "last": state.last, **{name: getattr(state, name)[:-1] for name in FIELDS},
+        **{name: values for name, values in _foreseen(state).items() if values.size > 0},
         **{f"impulse_{name}": getattr(impulses, name)[:size] for name in impulses._fields[1:]},
         **{f"count_{name}": getattr(simulation.counts, name) for name in _kept(simulation)},
     })
+
+
+def _foreseen(state: State) -> dict[str, NDArray[Any]]:
+    """The tiles that hit only after now, and how they go then."""
+    number = int(state.early[0])
+    return {"early": state.early[1 : number + 1], "goes": state.goes[: 6 * number]}
 
 
 def _kept(simulation: Simulation) -> list[str]:
@@ -323,13 +330,20 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
             field="fingerprint", value=str(data["fingerprint"])[:12],
         )
     n, size = simulation.numbers.n, data["impulse_a"].size
+    early = data.get("early", np.zeros(0, int))
+    goes = data.setdefault("goes", np.zeros(6 * early.size))
     if any(data[name].shape != (n,) or data[name].dtype != float
            or not np.isfinite(data[name]).all() for name in FIELDS):
         raise InputError(f"is damaged: must hold {n} finite numbers a field", file=str(path))
     kinds = {"steps": np.zeros((), int), "last": state.last,
              **{f"impulse_{name}": np.zeros(size, getattr(state.impulses, name).dtype)
                 for name in names},
+             "goes": np.zeros(6 * early.size),
              **{f"count_{name}": getattr(counts, name) for name in _kept(simulation)}}
+    if (early.ndim != 1 or early.dtype != int or np.unique(early).size < early.size
+            or not ((early >= 0) & (early < n)).all()):
+        raise InputError(f"is damaged: must be different tiles, from 0 to {n - 1}", file=str(path),
+                         field="early")
     for name, kind in kinds.items():
         if (data[name].shape != kind.shape or data[name].dtype != kind.dtype
                 or not np.isfinite(data[name]).all() or (name == "steps" and data[name] < 0)):
@@ -344,6 +358,9 @@ def load_checkpoint(path: Path, simulation: Simulation, mark: str) -> None:
         getattr(state.impulses, name)[:size] = data[f"impulse_{name}"]
     state.impulses.size[0] = size
     state.last[:] = data["last"]
+    state.early[0], state.early[1 : early.size + 1] = early.size, early
+    state.goes[: goes.size] = goes
+    state.seen[: goes.size] = np.stack([data[name][early] for name in FIELDS], axis=1).ravel()
     for name in _kept(simulation):
         getattr(counts, name)[:] = data[f"count_{name}"]
     simulation.steps = int(data["steps"])

@@ -183,6 +183,7 @@ class Simulation:
         self.state = core.State(x, y, angle, vx, vy, omega,
                                 np.array([scene.solver.passes,  # as if it had not been calm
                                           0 if _clashes(scene, layout) else core.TICKS, 0]),
+                                np.zeros(n + 1, np.int64), np.zeros(6 * n), np.zeros(6 * n),
                                 empty_impulses(self._capacity[core.MORE_ROWS]))
         types = scene.types
         self.tiles = core.Tiles(

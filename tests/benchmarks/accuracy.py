@@ -44,7 +44,9 @@ from tests.benchmarks.scenes import (
 RESULTS = Path(__file__).parent / "results"
 PAPER = Path(__file__).parents[2] / "paper_runs"
 LOOSE = 0.1  # m/s, about a pass or two
-COARSE = tuple(1 / n for n in (10, 20, 30, 40, 50, 70, 80))  # s, at which only ours is run
+# s, at which only ours is run: longer ones, and ones between, as errors grow with the step's square
+COARSE = tuple(1 / n for n in (10, 20, 30, 40, 50, 70, 80))
+BETWEEN = tuple(1 / n for n in (180, 260, 360))
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 1e-12)  # m/s
 PASSES = (8, 40, 1000)
 TARGET = 1 / 480  # s, the step at which errors are judged
@@ -89,8 +91,10 @@ def sweep(reference: Reference) -> list[Row]:
     """Errors and run times of one scene over steps, substeps, tolerance and passes."""
     default = reference.scene.solver
     usual, most = (default.tolerance, default.passes), 5000
-    coarse = tuple(h for h in COARSE if not reference.slow
-                   and math.isclose(round(reference.duration / h) * h, reference.duration))
+    coarse, between = (
+        tuple(h for h in steps if not reference.slow
+              and math.isclose(round(reference.duration / h) * h, reference.duration))
+        for steps in (COARSE, BETWEEN))
     cases = [(h, 4, *usual) for h in coarse + reference.steps]
     if not reference.slow or len(reference.steps) == 1:  # few cases are cheap in slow ones, too
         cases += [(h, 1, *effort) for h in coarse + reference.steps
@@ -99,12 +103,13 @@ def sweep(reference: Reference) -> list[Row]:
         cases += [(h, 1, tolerance, most) for h in coarse + reference.steps
                   for tolerance in (default.tolerance, *TOLERANCES[-2:])]
         cases += [(h, substeps, LOOSE, default.passes) for h in coarse for substeps in (2, 3)]
+        cases += [(h, 2, LOOSE, default.passes) for h in between]
         cases += [(TARGET, 16, *usual)]
         cases += [(TARGET, 4, tolerance, most) for tolerance in TOLERANCES]
         cases += [(TARGET, 4, 1e-9, passes) for passes in PASSES]
     else:  # blocks, where that would take an hour
         cases += [(TARGET, 4, tolerance, 1000) for tolerance in TOLERANCES[1:4]]
-        cases += [(h, 2, tolerance, default.passes) for h in coarse
+        cases += [(h, substeps, tolerance, default.passes) for h in coarse for substeps in (1, 2)
                   for tolerance in (default.tolerance, *TOLERANCES[:2])]
     rows = []
     for h, substeps, tolerance, passes in cases:

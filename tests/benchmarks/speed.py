@@ -70,15 +70,14 @@ ABSENT = {"magnets": "magnet", "wall": "reactor", "floor": "floor", "drive": "dr
 # compiler then leaves out all that comes after.
 DELETED = {
     "magnets": {"advance.py": [(r"magnets\.cutoff > 0\.0 and reach > 0\.0", "False"),
-                               (r"law\.cutoff > 0\.0", "False"),
-                               (r"law\.cutoff <= 0\.0", "True")]},
+                               (r"law\.cutoff > 0\.0", "False")]},
     "wall": {"advance.py": [(r"k\.wall == CIRCLE", "False"), (r"k\.wall != 0", "False")],
              "rows.py": [(r"if k\.wall == 0 or", "if True or")],
              "contacts.py": [(r"if end <= pairs:", "if True:"),
                              (r"if rows\.body\[U\(block\) \* BODIES \+ LANES\] == k\.n:",
                               "if False:")]},
     "floor": {name: [(r"floor\.law", "0")] for name in ("advance.py", "solver.py", "sweeps.py")},
-    "drive": {"advance.py": [(r"k\.driven == 0", "True"), (r"k\.driven != 0", "False")]},
+    "drive": {"advance.py": [(r"k\.driven != 0", "False")]},
 }
 Row = dict[str, Any]
 
