@@ -31,7 +31,7 @@ from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import NEVER, RESTS, SPARE, SWEPT, place_block, weigh_block
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
-from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.jit import ZERO, U, apart, inline, lane
 from tbsa.kernels.queue import Queue, empty_queue, put, take
 from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
@@ -162,20 +162,19 @@ def note_seen(loads: Loads, i: int, x: float, y: float, angle: float, vx: float,
         seen[6 * m + f] = number
 
 
-@inline
-def note_early(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray, i: int,
-               time: float) -> None:
-    """Note where tile i will be at the end of the substep, if it hits at a time after that, for
-    the first time: an impact puts it to where its new velocity comes from, within what it hits."""
-    if time <= loads.end:
-        return
+@apart
+def note_early(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+               i: int) -> None:
+    """Note where tile i will be at the end of the substep, as it hits only after that, if it is
+    for the first time: an impact puts it to where its new velocity comes from, within what it
+    hits."""
     for j in range(loads.early[0]):
         if loads.early[j + 1] == i:
             return
     note_seen(loads, i, x[i], y[i], angle[i], v.vx[i], v.vy[i], v.w[i])
 
 
-@inline
+@apart
 def spread_early(rows: Rows, loads: Loads, n: int, v: Bodies, x: np.ndarray, y: np.ndarray,
                  angle: np.ndarray) -> None:
     """Note as well what the tiles that hit after the end have pressed on in the solve, from where
@@ -198,7 +197,7 @@ def spread_early(rows: Rows, loads: Loads, n: int, v: Bodies, x: np.ndarray, y: 
                               v.starty[other], v.startw[other])
 
 
-@inline
+@apart
 def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
     """Take back the notes of what hangs together with one that projection has moved, as that has
     changed its velocities, too."""
@@ -461,8 +460,8 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     ma, mb, part = v.mobile[a], v.mobile[b], time / loads.h - 0.5
     ax0, ay0, aw0, bx0, by0, bw0 = vx[a], vy[a], w[a], vx[b], vy[b], w[b]
     for body_index in (a, b):
-        if v.mobile[body_index] != 0.0:
-            note_early(loads, v, x, y, angle, int(body_index), time)
+        if time > loads.end and v.mobile[body_index] != 0.0:
+            note_early(loads, v, x, y, angle, int(body_index))
     share(v, z, a, part)
     share(v, z, b, part)
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
@@ -611,7 +610,8 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             continue
         if z.in_it[i] == 0:
             draw(rows, k, loads, v, z, c, s, i)
-            note_early(loads, v, x, y, angle, i, begun)
+            if begun > loads.end:
+                note_early(loads, v, x, y, angle, i)
             z.in_it[i] = 1
             z.tiles[z.size[1]] = i
             z.size[1] += 1
