@@ -390,6 +390,21 @@ def test_the_table_tells_what_each_run_was_and_how_it_ended(here, whole):
     assert table["size"].max() > 0
 
 
+def test_the_table_has_arrays_and_tables_that_were_set_as_json(here):
+    """In one form, that programs read, whatever their kind."""
+    Path("campaign.toml").write_text("""
+scene = "scene.toml"
+seeds = [1]
+[[group]]
+name = "a"
+set = {"run.duration" = 1.0, "seed.types" = ["white", "black"], "free.counts" = {black = 3}}
+""")
+    done("campaign.toml", "out")
+    (row,) = pd.read_csv("out/table.csv").to_dict("records")
+    assert json.loads(row["seed.types"]) == ["white", "black"]
+    assert json.loads(row["free.counts"]) == {"black": 3}
+
+
 def test_the_curves_hold_every_record_of_every_run(here, whole):
     curves = pd.read_csv(whole / "curves.csv")
     assert curves.groupby("run", sort=False)["time"].max().tolist() == [4.0] * 4 + [8.0]

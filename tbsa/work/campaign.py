@@ -722,7 +722,7 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
             status, message = DONE if ended else WAITING, ""
         row: dict[str, Any] = {
             "run": each.name, "group": each.group, "scene": each.base,
-            **{name: json.dumps(value) if isinstance(value, list) else value
+            **{name: json.dumps(value) if isinstance(value, list | dict) else value
                for name, value in each.fields},
             "seed": each.scene.run.seed, "duration": each.scene.run.duration,
             "tiles": each.tiles, "fingerprint": each.mark, "settings": each.settings,
