@@ -406,6 +406,16 @@ def test_the_summary_plots_each_run_beside_its_snapshot(tmp_path):
     assert len({line.get_linestyle() for line in errors.lines}) == 2  # told apart in grey print
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_summary_has_room_for_a_run_without_rows(order):
+    whole = pd.DataFrame({name: np.arange(5.0) for name in (
+        "time", "size", "errors_percent", "holes_percent")})
+    tables = dict([("whole", whole), ("none yet", whole[:0])][::order])
+    size, *_ = summary_figure(tables, {}).axes
+    assert size.get_xlim() == (0.0, 4.0)
+    assert summary_figure({"none yet": whole[:0]}, {}).axes[0].get_xlim()[0] == 0.0
+
+
 def test_a_snapshot_of_an_unknown_run_is_refused():
     scene, *rest = record(scene_of())
     with pytest.raises(InputError, match="must name runs that have a table"):

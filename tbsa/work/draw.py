@@ -234,7 +234,7 @@ def summary_figure(
             # Unclipped: a curve along zero would lose half its width to the axis.
             ax.plot(rows["time"], rows[column], color=hue, linestyle=dash, label=name,
                     clip_on=False, zorder=3)
-    end = max(float(rows["time"].max()) for rows in tables.values())
+    end = max((float(rows["time"].max()) for rows in tables.values() if len(rows)), default=0.0)
     what = ("attached tiles", "errors (% of attached)", "holes (% of attached)")
     for ax, label in zip(axes, what, strict=True):
         ax.set(xlabel="time (s)", ylabel=label, xlim=(0.0, max(end, 1e-9)))
