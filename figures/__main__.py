@@ -11,6 +11,7 @@ from pathlib import Path
 from figures._data import Missing
 from figures.style import look, save
 from tbsa.errors import InputError
+from tbsa.work.cli import code_of
 
 HERE = Path(__file__).parent
 SCRIPTS = sorted(path.stem for path in HERE.glob("*.py")
@@ -63,4 +64,4 @@ def _shown(paths: Iterable[Path]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(code_of(lambda: main(sys.argv[1:])))

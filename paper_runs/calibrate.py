@@ -51,6 +51,7 @@ from paper_runs.paper import DURATION, END, ENOUGH, SELF, SHAKING, STEADY
 from paper_runs.tables import DATA, HERE, against_plan, fields, given, load, markdown
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
+from tbsa.work.cli import code_of
 from tbsa.work.plan import read_plan
 
 QUARTER, DOUBLE, POINT = math.log(1.25), math.log(2.0), 1.0  # units of a miss
@@ -468,4 +469,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(code_of(main))

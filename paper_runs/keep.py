@@ -32,6 +32,7 @@ import tbsa
 from paper_runs.tables import DATA, Row, read
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
+from tbsa.work.cli import code_of
 
 NEEDED = ("run", "group", "scene", "seed", "duration", "fingerprint", "settings", "version",
           "status", "message")
@@ -242,4 +243,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(code_of(main))

@@ -17,7 +17,7 @@ from pathlib import Path
 import tbsa
 from tbsa.errors import InputError
 from tbsa.model.scene import Record, Run, Scene
-from tbsa.work.cli import Bar
+from tbsa.work.cli import Bar, told
 from tbsa.work.draw import Snapshot, summary_figure
 
 FOLDER = Path("runs") / "quick"
@@ -66,7 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     try:
-        sys.exit(main())
+        with told():
+            code = main()
+        sys.exit(code)
     except KeyboardInterrupt:
         sys.exit(130)
     except (InputError, OSError) as error:

@@ -19,6 +19,7 @@ import pandas as pd
 
 from paper_runs.intervals import Estimate, difference, mean, number
 from paper_runs.tables import against_plan, command, given, last_third, load, markdown
+from tbsa.work.cli import code_of
 
 STEP = "solver.step"
 NARROW = 10.0  # per cent of the mean, to either side
@@ -87,4 +88,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(code_of(main))

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import re
 import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -803,6 +806,24 @@ def test_merit_works_with_some_of_the_runs_and_says_what_is_missing(tmp_path, ca
     assert "Wall time of the runs, one core each: 0.01 h" in text
     for drive in ("self-stabilizing", "shaking"):
         assert f"{drive} 0.01 h (50 %; half of its runs took less than 0.2 min)" in text
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_who_reads_a_report_may_stop_before_its_end(tmp_path, monkeypatch, unbuffered):
+    """As head does, without a traceback, nor a word of Python's at its exit."""
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+    tables(HERE / "campaign.toml", tmp_path / "campaign", lambda each: None)
+    commands = (["paper_runs.merit", "--data", str(tmp_path / "campaign")],
+                ["paper_runs.calibrate", "--data", str(tmp_path), "--out", str(tmp_path / "c.md")],
+                ["paper_runs.keep", str(tmp_path / "campaign"), str(tmp_path / "kept")],
+                ["figures", "tile_set"])
+    for command in commands:
+        end, stdout = os.pipe()
+        os.close(end)
+        ended = subprocess.run([sys.executable, "-m", *command], cwd=HERE.parent, stdout=stdout,
+                               stderr=subprocess.PIPE, text=True, check=False)
+        os.close(stdout)
+        assert (ended.returncode, ended.stderr) == (1, ""), command
 
 
 @pytest.mark.parametrize("seeds", [0, 1])

@@ -839,6 +839,28 @@ def test_metrics_are_written_though_nobody_reads_what_is_printed(run, monkeypatc
     assert len(pd.read_csv(run / "metrics.csv")) == 5
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize(("stdout", "words"), [("closed", ""), ("full", "No space left")])
+def test_output_that_cannot_be_written_is_told_by_the_exit_code(here, unbuffered, stdout, words):
+    """A buffer is written at the end only, where Python would complain and exit with 120."""
+    if stdout == "closed":
+        end, place = os.pipe()
+        os.close(end)
+    elif os.path.exists("/dev/full"):
+        place = os.open("/dev/full", os.O_WRONLY)
+    else:
+        pytest.skip("needs /dev/full")
+    for arguments, code in ((["check", "scene.toml"], 1), (["--help"], 0)):
+        found = subprocess.run(
+            [sys.executable, "-m", "tbsa", *arguments], cwd=here, stdout=place,
+            stderr=subprocess.PIPE, text=True, check=False,
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered, "PYTHONPATH": str(ROOT)})
+        assert found.returncode == code
+        assert words in found.stderr if code else not found.stderr
+        assert len(found.stderr.splitlines()) == bool(words and code)
+    os.close(place)
+
+
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_run_into_a_folder_that_may_not_be_written_is_refused(
         here, finished, capsys, monkeypatch, resume):

@@ -37,10 +37,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
         sys.stdout.reconfigure(errors="backslashreplace")
     with _stderr():
-        arguments = _parser().parse_args(argv)
+        with told():  # --help
+            arguments = _parser().parse_args(argv)
         try:
-            _check_out(arguments)
-            code: int = arguments.command(arguments)
+            with told():
+                _check_out(arguments)
+                code: int = arguments.command(arguments)
             return code
         except InputError as error:
             print(f"tbsa: {_of_option(error, arguments)}", file=sys.stderr)
@@ -63,6 +65,37 @@ def _stderr() -> Iterator[None]:
         return
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):
         yield
+
+
+@contextlib.contextmanager
+def told() -> Iterator[None]:
+    """What is printed is out at the end, or an OSError says that it is not: Python would find that
+    only at its exit, of which the code is 120 then.  What cannot be written is dropped, or it would
+    be tried again there."""
+    try:
+        yield
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    finally:
+        try:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+        except OSError:
+            with open(os.devnull, "w") as nowhere:
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def code_of(command: Callable[[], int]) -> int:
+    """The exit code of a command without more options than its own; 1 where what it prints cannot
+    be written, without a word where its reader has enough, as head has."""
+    try:
+        with told():
+            return command()
+    except BrokenPipeError:
+        return 1
+    except OSError as error:
+        print(error, file=sys.stderr)
+        return 1
 
 
 def _of_option(error: InputError, arguments: argparse.Namespace) -> str:
