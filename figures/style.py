@@ -8,6 +8,8 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
+from tbsa.model.records import replacing
+
 OUTPUT = Path(__file__).parent / "output"
 COLUMN = 3.5  # in, the width of a column of the paper's journal
 BLUE, ORANGE, GREY = "#0b5fa5", "#d9730d", "#7a7a7a"
@@ -30,9 +32,11 @@ def look() -> Any:
 
 
 def save(figure: Figure, name: str) -> list[Path]:
-    """Write a figure as PDF and PNG; returns the paths.  The same figure gives the same bytes."""
+    """Write a figure as PDF and PNG; returns the paths.  The same figure gives the same bytes,
+    all of them or, where they cannot be written, those that were there."""
     OUTPUT.mkdir(exist_ok=True)
     paths = [OUTPUT / f"{name}.pdf", OUTPUT / f"{name}.png"]
-    figure.savefig(paths[0], metadata={"CreationDate": None})
-    figure.savefig(paths[1])
+    for path, metadata in zip(paths, ({"CreationDate": None}, {}), strict=True):
+        with replacing(path, path.suffix) as scratch:
+            figure.savefig(scratch, metadata=metadata)
     return paths

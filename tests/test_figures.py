@@ -114,6 +114,20 @@ def test_the_same_data_give_the_same_bytes(there):
     assert (there / "growth.pdf").read_bytes() == before
 
 
+def test_a_figure_that_cannot_be_written_whole_stays_as_it_was(tmp_path, monkeypatch, capsys):
+    """As on a disk that gets full."""
+    def half(self, path, **_):
+        Path(path).write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(style, "OUTPUT", tmp_path)
+    (tmp_path / "tile_set.pdf").write_bytes(b"old")
+    monkeypatch.setattr(Figure, "savefig", half)
+    assert main(["tile_set"]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"tile_set.pdf": b"old"}
+
+
 def test_what_is_missing_is_said_and_the_rest_is_made(there, capsys, monkeypatch):
     monkeypatch.setattr(growth, "DATA", (style.OUTPUT / "nowhere" / "table.csv",))
     assert main([]) == 0
