@@ -195,6 +195,12 @@ def test_a_load_within_the_floor_friction_has_no_bound():
         assert math.isinf(bound) == each.name.startswith("floor")
 
 
+def test_without_a_load_nothing_detaches():
+    for each in scaling.READINGS:
+        assert each.bound(BOND, 0.0, MU, FLOOR) == math.inf
+        assert scaling.bound_all_pairs(each, 0.0, MU, FLOOR, SIMULATOR) == math.inf
+
+
 @pytest.mark.parametrize(("glues", "expected"), [
     (statics.CHESSBOARD, (0.1024, 0.0880, 0.0808, 0.0765)),
     (statics.ORIENTED, (0.1156, 0.1012, 0.0940, 0.0897))])

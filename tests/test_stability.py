@@ -108,6 +108,7 @@ def test_a_force_just_borne_is_borne_however_it_is_rounded():
     for n, bond, load in ((3, 0.3, 0.1), (3, 3.0, 1.0), (7, 0.7, 0.1), (7, 7.0, 1.0)):
         assert stability.half_turn_holds(n, bond, load) == 1.0  # the net force is at most n^2 F
     assert stability.half_turn_holds(3, BOND, 1e-300) == 1.0
+    assert stability.half_turn_holds(3, 0.0, 0.0) == 1.0
     # A seed that pushes holds nothing but by chance: as one without glue.
     assert stability.half_turn_holds(2, -0.1, FORCE) == stability.half_turn_holds(2, 0.0, FORCE)
 

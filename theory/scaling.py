@@ -149,25 +149,26 @@ class Reading(NamedTuple):
 
 
 def _per(pull: float, load: float) -> float:
+    """The size at which the load is that of the pull; without a load there is none."""
     return pull / load if load > 0.0 else math.inf
 
 
 READINGS: tuple[Reading, ...] = (
     Reading("printed", "sqrt(2 F_g/F)", "eq. (6) as it stands; follows from no step before it",
-            lambda g, f, mu, r: math.sqrt(2.0 * g / f)),
+            lambda g, f, mu, r: math.sqrt(_per(2.0 * g, f))),
     Reading("printed norms", "2 F_g/F", "eqs. (3), (4), (5): all 2 n bonds pull in one direction",
-            lambda g, f, mu, r: 2.0 * g / f),
+            lambda g, f, mu, r: _per(2.0 * g, f)),
     Reading("vector sum", "sqrt(2) F_g/F", "eq. (5), but bonds pull along -x and -y; no friction",
-            lambda g, f, mu, r: math.sqrt(2.0) * g / f),
+            lambda g, f, mu, r: _per(math.sqrt(2.0) * g, f)),
     Reading("diagonal", "sqrt(2) F_g/F", "eq. (2) for a load that stays on the diagonal",
-            lambda g, f, mu, r: math.sqrt(2.0) * g / f),
+            lambda g, f, mu, r: _per(math.sqrt(2.0) * g, f)),
     Reading("quadrant", "F_g/F", "eq. (2) for a rotating load, worst on an axis; no friction",
-            lambda g, f, mu, r: g / f),
+            lambda g, f, mu, r: _per(g, f)),
     Reading("tile friction, axis", "(1 + mu) F_g/F", "load on an axis, sliding along a wall",
-            lambda g, f, mu, r: (1.0 + mu) * g / f),
+            lambda g, f, mu, r: _per((1.0 + mu) * g, f)),
     Reading("tile friction, rotating", "(1 + mu) F_g/(F sqrt(1 + mu^2))",
             "rotating load, worst atan(mu) off an axis",
-            lambda g, f, mu, r: (1.0 + mu) * g / f / math.hypot(1.0, mu)),
+            lambda g, f, mu, r: _per((1.0 + mu) * g, f) / math.hypot(1.0, mu)),
     Reading("floor friction, axis, slip", "(1 + mu) F_g/(F - R)",
             "load on an axis; R = mu_f m g against the motion",
             lambda g, f, mu, r: _per((1.0 + mu) * g, f - r)),

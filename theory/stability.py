@@ -132,7 +132,8 @@ def half_turn_holds(n: int, bond: float, load: float) -> float:
     of spread n F: both grow alike, and the probability tends to erf(F_g/(F sqrt(2))).
     """
     # Of |imbalance| = |n^2 - 2 k|; a force just borne is, however the quotient is rounded.
-    most = min(n * max(bond, 0.0) / load * (1.0 + 1e-12), n * n)
+    share = n * max(bond, 0.0) / load * (1.0 + 1e-12) if load > 0.0 else math.inf
+    most = min(share, n * n)
     low, high = math.ceil((n * n - most) / 2.0), math.floor((n * n + most) / 2.0)
     return float(binom.cdf(high, n * n, 0.5) - binom.cdf(low - 1, n * n, 0.5))
 
