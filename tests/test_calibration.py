@@ -813,6 +813,7 @@ def test_who_reads_a_report_may_stop_before_its_end(tmp_path, monkeypatch, unbuf
     """As head does, without a traceback, nor a word of Python's at its exit."""
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     tables(HERE / "campaign.toml", tmp_path / "campaign", lambda each: None)
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")  # a report has signs beyond
     commands = (["paper_runs.merit", "--data", str(tmp_path / "campaign")],
                 ["paper_runs.calibrate", "--data", str(tmp_path), "--out", str(tmp_path / "c.md")],
                 ["paper_runs.keep", str(tmp_path / "campaign"), str(tmp_path / "kept")],

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
-        sys.stdout.reconfigure(errors="backslashreplace")
     with _stderr():
         with told():  # --help
             arguments = _parser().parse_args(argv)
@@ -72,6 +70,8 @@ def told() -> Iterator[None]:
     """What is printed is out at the end, or an OSError says that it is not: Python would find that
     only at its exit, of which the code is 120 then.  What cannot be written is dropped, or it would
     be tried again there."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         yield
         if sys.stdout is not None:
