@@ -308,6 +308,30 @@ def test_a_page_plots_a_run_of_any_length():
                           check=True).stdout == "9"
 
 
+def test_a_page_leaves_the_browser_its_own_keys():
+    """Ctrl-0 is its zoom and Alt-left goes back, though 0 and left alone are the page's."""
+    page = (Path(films.__file__).parent / "viewer.html").read_text(encoding="utf-8")
+    listener = re.search(r'^addEventListener\("keydown".+?^}\);$', page, re.M | re.S)[0]
+    program = """
+        let record = 5, last = 9, playing = 0, pressed;
+        const go = k => { record = k; }, home = () => { record = 0; }, play = () => {};
+        const addEventListener = (_, f) => { pressed = f; };
+        """ + listener + """
+        const press = (key, more) => {
+          record = 5;
+          pressed({key, target: {tagName: "BODY"}, preventDefault() { record += 100; }, ...more});
+          return record;
+        };
+        process.stdout.write([press("0", {ctrlKey: true}), press("0", {metaKey: true}),
+                              press("ArrowLeft", {altKey: true}), press("x"),
+                              press("ArrowLeft"), press("0")].join(" "));
+        """
+    if shutil.which("node") is None:
+        pytest.skip("needs node")
+    assert subprocess.run(["node", "-e", program], capture_output=True, text=True,
+                          check=True).stdout == "5 5 5 5 104 0"
+
+
 def test_no_title_gets_out_of_its_place_in_the_page(tmp_path):
     run = records()
     title = "a </script><script>alert(1)</script> & <b> __DATA__"
