@@ -69,7 +69,7 @@ def modules(root: Path = ROOT) -> dict[str, Path]:
 
 def imports(found: Modules) -> dict[str, set[str]]:
     """The modules that each one imports when it runs; imports for type checks do not count."""
-    return {name: _imported(ast.parse(path.read_text())) & set(found) - {name}
+    return {name: _imported(ast.parse(path.read_bytes())) & set(found) - {name}
             for name, path in found.items()}
 
 
@@ -122,7 +122,7 @@ def levels(members: Iterable[str], graph: Imports) -> list[list[str]]:
 def make() -> Figure:
     """The storeys above each other, theory below them."""
     graph = imports(modules())
-    what = storeys((ROOT / "ARCHITECTURE.md").read_text())
+    what = storeys((ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
     *house, theory = what
     refuse_upward(graph, house)
     shared = sorted({name for name in graph if storey(name) not in what})

@@ -818,11 +818,15 @@ def test_who_reads_a_report_may_stop_before_its_end(tmp_path, monkeypatch, unbuf
                 ["paper_runs.calibrate", "--data", str(tmp_path), "--out", str(tmp_path / "c.md")],
                 ["paper_runs.keep", str(tmp_path / "campaign"), str(tmp_path / "kept")],
                 ["figures", "tile_set"])
+    aside = ("import runpy, sys; from pathlib import Path; from figures import style; "
+             "style.OUTPUT = Path(sys.argv.pop()); "
+             "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)")
     for command in commands:
         end, stdout = os.pipe()
         os.close(end)
-        ended = subprocess.run([sys.executable, "-m", *command], cwd=HERE.parent, stdout=stdout,
-                               stderr=subprocess.PIPE, text=True, check=False)
+        ended = subprocess.run([sys.executable, "-c", aside, *command, str(tmp_path)],
+                               cwd=HERE.parent, stdout=stdout, stderr=subprocess.PIPE, text=True,
+                               check=False)
         os.close(stdout)
         assert (ended.returncode, ended.stderr) == (1, ""), command
 

@@ -128,6 +128,13 @@ def test_a_figure_that_cannot_be_written_whole_stays_as_it_was(tmp_path, monkeyp
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"tile_set.pdf": b"old"}
 
 
+def test_sources_are_read_whatever_the_encoding_of_the_system(monkeypatch):
+    read = Path.read_text
+    monkeypatch.setattr(Path, "read_text", lambda path, encoding="ascii": read(path, encoding))
+    with style.look():
+        architecture.make()
+
+
 def test_what_is_missing_is_said_and_the_rest_is_made(there, capsys, monkeypatch):
     monkeypatch.setattr(growth, "DATA", (style.OUTPUT / "nowhere" / "table.csv",))
     assert main([]) == 0
