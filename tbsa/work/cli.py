@@ -86,8 +86,8 @@ def told() -> Iterator[None]:
 
 
 def code_of(command: Callable[[], int]) -> int:
-    """The exit code of a command without more options than its own; 1 where what it prints cannot
-    be written, without a word where its reader has enough, as head has."""
+    """The exit code of a command; 1 where what it prints cannot be written, without a word where its
+    reader has enough, as head has."""
     try:
         with told():
             return command()
