@@ -858,6 +858,11 @@ def test_output_that_cannot_be_written_is_told_by_the_exit_code(here, unbuffered
         assert found.returncode == code
         assert words in found.stderr if code else not found.stderr
         assert len(found.stderr.splitlines()) == bool(words and code)
+    told = subprocess.run(
+        [sys.executable, "-m", "tbsa", "check", "nowhere.toml"], cwd=here, stderr=place,
+        stdout=subprocess.PIPE, text=True, check=False,
+        env=os.environ | {"PYTHONUNBUFFERED": unbuffered, "PYTHONPATH": str(ROOT)})
+    assert (told.returncode, told.stdout) == (2, "")  # the message is lost, the code is not
     os.close(place)
 
 

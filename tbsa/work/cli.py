@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from tbsa import __version__
 from tbsa.errors import InputError
@@ -43,14 +43,14 @@ def main(argv: Sequence[str] | None = None) -> int:
                 code: int = arguments.command(arguments)
             return code
         except InputError as error:
-            print(f"tbsa: {_of_option(error, arguments)}", file=sys.stderr)
+            _say(f"tbsa: {_of_option(error, arguments)}")
             return 2
         except KeyboardInterrupt:
             return 130
         except BrokenPipeError:
             return 1
         except (OSError, RuntimeError) as error:
-            print(f"tbsa: {error}", file=sys.stderr)
+            _say(f"tbsa: {error}")
             return 1
 
 
@@ -59,17 +59,36 @@ def _stderr() -> Iterator[None]:
     """Where it is closed (``2>&-``), one that leads nowhere: a bar fails without, and messages
     would go to the output."""
     if sys.stderr is not None:
-        yield
+        try:
+            yield
+        finally:
+            _drop(sys.stderr)
         return
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):
         yield
 
 
+def _say(what: object) -> None:
+    """A message; where it cannot be written the exit code is all that is told."""
+    with contextlib.suppress(OSError):
+        print(what, file=sys.stderr)
+
+
+def _drop(stream: TextIO | None) -> None:
+    """What cannot be written is dropped: Python would try again at its exit, and end with 120."""
+    if stream is None:
+        return
+    try:
+        stream.flush()
+    except OSError:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())
+
+
 @contextlib.contextmanager
 def told() -> Iterator[None]:
     """What is printed is out at the end, or an OSError says that it is not: Python would find that
-    only at its exit, of which the code is 120 then.  What cannot be written is dropped, or it would
-    be tried again there."""
+    only at its exit."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title may hold what its encoding does not
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
@@ -77,24 +96,19 @@ def told() -> Iterator[None]:
         if sys.stdout is not None:
             sys.stdout.flush()
     finally:
-        try:
-            if sys.stdout is not None:
-                sys.stdout.flush()
-        except OSError:
-            with open(os.devnull, "w") as nowhere:
-                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        _drop(sys.stdout)
 
 
 def code_of(command: Callable[[], int]) -> int:
-    """The exit code of a command; 1 where what it prints cannot be written, without a word where its
-    reader has enough, as head has."""
+    """The exit code of a command; 1 where what it prints cannot be written, without a word where
+    its reader has enough, as head has."""
     try:
         with told():
             return command()
     except BrokenPipeError:
         return 1
     except OSError as error:
-        print(error, file=sys.stderr)
+        _say(error)
         return 1
 
 
@@ -308,17 +322,16 @@ def _run(arguments: argparse.Namespace) -> int:
                           progress=bar.show)
     except KeyboardInterrupt:
         if (folder / "run.json").exists():
-            print(f"broken off; go on from the last checkpoint with\n  {again}", file=sys.stderr)
+            _say(f"broken off; go on from the last checkpoint with\n  {again}")
         return 130
     except OSError as error:
         if isinstance(error, BrokenPipeError) or not (folder / "run.json").exists():
             raise
-        print(f"tbsa: {error}; go on from the last checkpoint with\n  {again}", file=sys.stderr)
+        _say(f"tbsa: {error}; go on from the last checkpoint with\n  {again}")
         return 1
     simulation = outcome.simulation
     if not outcome.finished:
-        print(f"stopped at {simulation.time:.1f} s and saved; go on with\n  {again}",
-              file=sys.stderr)
+        _say(f"stopped at {simulation.time:.1f} s and saved; go on with\n  {again}")
         return 130
     print(summary(scene, simulation, outcome.wall, outcome.begun))
     if arguments.report:
@@ -355,14 +368,13 @@ def _campaign(arguments: argparse.Namespace) -> int:
                 resume=arguments.resume, part=(int(match[1]), int(match[2])),
                 without=arguments.without, progress=not arguments.quiet)
     except KeyboardInterrupt:
-        print(f"broken off; go on with\n  {again}", file=sys.stderr)
+        _say(f"broken off; go on with\n  {again}")
         return 130
     rows = result.table[result.table["status"] == FAILED]
     for name, message in zip(rows["run"], rows["message"], strict=True):
-        print(f"tbsa: {name} failed: {message}", file=sys.stderr)
+        _say(f"tbsa: {name} failed: {message}")
     if result.left:
-        print(f"stopped and saved, {number_of(result.left, 'run')} to go; go on with\n  {again}",
-              file=sys.stderr)
+        _say(f"stopped and saved, {number_of(result.left, 'run')} to go; go on with\n  {again}")
         return 130
     others = int((result.table["status"] == ELSEWHERE).sum())
     print(f"{number_of(result.done, 'run')} done, {result.failed} failed"
