@@ -189,6 +189,15 @@ def test_a_home_that_cannot_be_written(tmp_path, warm):
     assert mine.stat().st_mode & 0o077 == 0
 
 
+def test_a_user_without_a_home(tmp_path, monkeypatch):
+    """Neither a HOME, nor an entry among the users that would tell of one."""
+    for name in ("HOME", "TBSA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", lambda user: {}[user])
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert jit.cache_folder().is_relative_to(tmp_path)
+
+
 def test_nowhere_to_keep_kernels(tmp_path, warm):
     (tmp_path / "file").write_text("")
     found = python(f"import tempfile\ntempfile.tempdir = {str(tmp_path / 'file')!r}\n{BOND}",

@@ -68,7 +68,9 @@ def cache_folder() -> Path | None:
     user = os.getuid() if hasattr(os, "getuid") else ""
     name = source_hash()
     last = Path(tempfile.gettempdir()) / f"tbsa-{user}"
-    for root in (Path(base) if base else Path("~/.cache").expanduser(), last):
+    # Who has no home (no HOME, nor an entry among the users) has "~" as it stands.
+    home = Path(os.path.expanduser("~/.cache"))
+    for root in (Path(base) if base else home if home.is_absolute() else last, last):
         folder = root / "tbsa" / name
         try:
             root.mkdir(mode=0o700, parents=True, exist_ok=True)
