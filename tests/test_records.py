@@ -139,6 +139,15 @@ def test_how_a_run_is_cut_into_calls_does_not_matter(scene, whole, tmp_path, mon
     assert same(tmp_path / "fine", whole) == []
 
 
+def test_steps_at_rest_are_counted_however_a_run_is_cut_into_calls(scene, tmp_path, monkeypatch):
+    """How long calls are is a matter of time; of many steps that change nothing one is done."""
+    still = replace(scene, drive=None, magnet=None)
+    assert records.run(still, tmp_path / "whole").simulation.counts.still[0] > 0
+    monkeypatch.setattr(records, "GLANCE", 0.0)  # one step a call
+    assert records.run(still, tmp_path / "fine").simulation.counts.still[0] == 0
+    assert same(tmp_path / "fine", tmp_path / "whole") == []
+
+
 def test_a_simulation_goes_forward_only_and_to_an_end(scene):
     step = Simulation(scene)
     for seconds in (-0.1, float("nan"), float("inf")):

@@ -238,7 +238,7 @@ class Counts(NamedTuple):
 
     steps: np.ndarray  # int64[1]
     substeps: np.ndarray
-    still: np.ndarray  # steps that were not done, as they would have changed nothing
+    still: np.ndarray  # steps that were not done, as they would have changed nothing, but counted
     joined: np.ndarray  # substeps saved by joining them
     lists: np.ndarray  # pair lists built
     surprises: np.ndarray  # times rows were added or found again within a step
@@ -272,12 +272,29 @@ def note_overlap(overlap: float, width: float, ticks: int, counts: Counts) -> No
 
 
 @inline
-def note_still(steps: int, deep: Any, counts: Counts) -> None:
-    """Count steps like the last one that are not done; `deep`: times by overlap before it."""
+def so_far(rows: Rows, counts: Counts) -> Any:
+    """What a step adds to, but for the work on lists, which is that of a process."""
+    deep, effort = counts.overlap, rows.effort
+    return (deep[0], deep[1], deep[2], deep[3], deep[4], effort[0], effort[1], counts.substeps[0],
+            counts.joined[0], counts.surprises[0], counts.rows[0], counts.passes[0],
+            counts.unconverged[0], counts.impacts[0], counts.projections[0])
+
+
+@inline
+def note_still(steps: int, begun: Any, rows: Rows, counts: Counts) -> None:
+    """Count steps like the last one, which has `begun` so, as if they were done: how many are not
+    depends on how a run is cut into calls."""
     counts.steps[0] += steps
     counts.still[0] += steps
+    now = so_far(rows, counts)
     for i in range(5):
-        counts.overlap[i] += steps * (counts.overlap[i] - deep[i])
+        counts.overlap[i] += steps * (now[i] - begun[i])
+    for i in range(2):
+        rows.effort[i] += steps * (now[i + 5] - begun[i + 5])
+    for i, number in enumerate((counts.substeps, counts.joined, counts.surprises, counts.rows,
+                                counts.passes, counts.unconverged, counts.impacts,
+                                counts.projections)):
+        number[0] += steps * (now[i + 7] - begun[i + 7])
 
 
 @lane
@@ -974,8 +991,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         if watched:
             note_state(k, state, work)
         before = (promised, last[0], last[2])
-        deep = (counts.overlap[0], counts.overlap[1], counts.overlap[2], counts.overlap[3],
-                counts.overlap[4])
+        counted = so_far(rows, counts)
         left = all_ticks
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         late = rows.size[LATE]
@@ -1043,7 +1059,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         counts.steps[0] += 1
         if (watched and promised == before[0] and last[0] == before[1] and last[2] == before[2]
                 and as_noted(k, state, work)):
-            note_still(steps - done, deep, counts)
+            note_still(steps - done, counted, rows, counts)
             done = steps
             break
     last[1] = 0 if fresh else promised  # of a first step that lacked space it is still to come
