@@ -420,6 +420,27 @@ def test_lists_kept_or_found_every_step_give_the_same_bits():
     assert (state(kept) == state(anew)).all()
 
 
+def test_magnets_as_far_from_each_other_as_the_cutoff_do_not_depend_on_the_age_of_lists():
+    """A bonded block, whose parallel edges are, to rounding, the cut-off apart, while other tiles
+    hit each other and need new lists in the middle of a step; in calls of one step, or of five."""
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        angle = rng.uniform(-3.0, 3.0)
+        tiles = [tile(*turned((i - 1) * WIDTH, (j - 0.5) * WIDTH, angle), angle,
+                      kind=("black", "white")[(i + j) % 2]) for i in range(3) for j in range(2)]
+        tiles += [tile(0.5 + 2 * WIDTH * i, 0.01 * rng.normal(), rng.uniform(-3.0, 3.0),
+                       -i * rng.uniform(0.0, 1.5), spin=3.0 * rng.normal(), kind="white")
+                  for i in range(3)]
+        one, five = (simulate(tiles, types=CHESSBOARD, body=material(friction=0.3, restitution=0.5),
+                              magnet=Magnet(cutoff=WIDTH), step=1 / 240, substeps=4, tolerance=1e-9,
+                              passes=200) for _ in range(2))
+        for _ in range(10):
+            five.advance(5)
+            for _ in range(5):
+                one.advance(1)
+            assert (state(one) == state(five)).all()
+
+
 @pytest.mark.parametrize(("switch", "counter", "tolerance"), [
     ("skip_converged", "unsolved", 1e-7), ("join_substeps", "joined", 1e-5)])
 def test_what_has_converged_or_is_calm_may_be_left_out(switch, counter, tolerance):

@@ -35,6 +35,9 @@ from tbsa.kernels.neighbours import Pairs, first_of
 CHUNK = 512  # pairs that are worked on together, in the first-level cache
 PORTION = 64 * CHUNK  # pairs that threads share, for as long as a few microseconds each
 FEW, WAY = 64, 18 * 64  # pairs that are where tiles turn far, and numbers of these
+# Lists reach further by this (fraction): magnets of a block may be as far apart as the cut-off, by
+# default a tile's width, and rounding is not to decide whether a list has them.
+ROUNDING = 1e-9
 
 
 class MagnetLaw(NamedTuple):
@@ -216,13 +219,14 @@ def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
     of_a, of_b, which, mp, mq, strength = near.a, near.b, near.which, near.p, near.q, near.strength
     d, first, last = law.offset, first_of(pairs, n, me, threads), first_of(pairs, n, me + 1,
                                                                           threads)
+    more = 1.0 + ROUNDING
     begin: Any = U(start[first])  # no share has more pairs of tiles than are on their list
     found: Any = begin
     for a in range(first, last):
         for k in range(start[a], start[a + 1]):
             b = U(other[k])
             rx, ry = x[b] - x[a], y[b] - y[a]
-            reach = law.cutoff + 2.0 * d + way[a] + way[b]
+            reach = more * (law.cutoff + 2.0 * d + way[a] + way[b])
             # Written in any case and kept by moving on, as no branch can be foreseen.
             of_a[found], of_b[found] = a, other[k]
             found += U(rx * rx + ry * ry < reach * reach)
@@ -233,7 +237,7 @@ def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
         for i in range(part):
             u, ta, tb = h + i, U(of_a[o + i]), U(of_b[o + i])
             dx[u], dy[u] = x[tb] - x[ta], y[tb] - y[ta]
-            reach = law.cutoff + margin[ta] + margin[tb]
+            reach = more * (law.cutoff + margin[ta] + margin[tb])
             r2[u] = reach * reach
             ca[u], sa[u], cb[u], sb[u] = d * c[ta], d * s[ta], d * c[tb], d * s[tb]
         for i in range(part):  # without branches, on its own: it vectorises, and takes a quarter
