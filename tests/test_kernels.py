@@ -129,6 +129,18 @@ def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():
     assert (pairs.margin == -1.0).all()  # never built
 
 
+def test_a_pair_list_is_whole_or_does_not_fit_however_much_space_it_has():
+    """Exactly as much as it needs, too: candidates beyond the last pair are not kept."""
+    rng, full = np.random.default_rng(5), 0
+    x, y = rng.uniform(0, 0.3, (2, 30))
+    pairs = near_pairs(x, y, np.ones(30), 0.05, np.full(30, 0.01))
+    for capacity in range(1, len(pairs) + 3):
+        found, number, _ = listed(x, y, np.ones(30), 0.05, 0.01, capacity)
+        assert found == (pairs if number <= capacity else None)
+        full += found is not None
+    assert full > 0
+
+
 # Rows.
 
 

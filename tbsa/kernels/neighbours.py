@@ -95,11 +95,12 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
     found: Any = pairs_from(pairs, n, x, y, mobile, reach, margin, widest, ZERO, end, ZERO,
                             place_of(room, end, n))
     collect(crew)
-    fits = found <= place_of(room, end, n)
+    # Of a list that is full the last one may have been written over by one that is not kept.
+    fits = found < place_of(room, end, n)
     for helper in range(1, threads):
         a, end = share(crew, helper, ZERO, n)
         at, more = place_of(room, a, n), crew.found[helper * LINE]
-        fits = fits and more <= place_of(room, end, n) - at
+        fits = fits and more < place_of(room, end, n) - at
         if fits:
             close_up(other, at, found, more)
             for i in range(U(a), U(end)):
