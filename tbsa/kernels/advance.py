@@ -981,7 +981,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     set_all(rows.effort, ZERO)
     error, done, wanted, overlap = OK, 0, TICKS, 0.0
     fresh = last[1] == 0  # nothing has looked ahead yet
-    loaded = True  # by what was there before
+    loaded, counted = True, so_far(rows, counts)  # loaded by what was there before
     promised = max(last[1], 1)
     kh = with_substep(k, k.h)
     slow, slow_spin = damping(kh)
@@ -990,8 +990,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         watched = k.skip_still != 0 and not fresh and hardly_moves(k, v)
         if watched:
             note_state(k, state, work)
+            counted = so_far(rows, counts)
         before = (promised, last[0], last[2])
-        counted = so_far(rows, counts)
         left = all_ticks
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         late = rows.size[LATE]
