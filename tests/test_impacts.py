@@ -1167,7 +1167,7 @@ def bouncing(seed, mu=0.1):
 
 def test_after_a_step_nothing_is_where_a_hit_to_come_will_throw_it_from():
     """What a substep has foreseen to hit only after its end would be within what it hits, by up to
-    half a substep's way; in one of twenty steps here, by up to 6 % of the width."""
+    half a substep's way."""
     deep, early = [], 0
     for seed in range(6):
         s = bouncing(seed)
