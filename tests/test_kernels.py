@@ -44,19 +44,24 @@ from tbsa.kernels import advance as core
 from tbsa.kernels import jit
 from tbsa.kernels.advance import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
 from tbsa.kernels.arrays import copy, lean, set_all, whole
-from tbsa.kernels.bodies import Numbers
+from tbsa.kernels.bodies import Numbers, empty_bodies
+from tbsa.kernels.contacts import look, out_of_reach, place_block
 from tbsa.kernels.crew import empty_crew
-from tbsa.kernels.geometry import CIRCLE, RECTANGLE
+from tbsa.kernels.geometry import BLUNT, CIRCLE, RECTANGLE
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.queue import empty_queue, put, take
 from tbsa.kernels.rows import (
     ALONE,
     BLOCK,
     BODIES,
+    COUNT,
     FAR,
+    HIT,
     ID1,
     IDLE,
     LANES,
+    MA,
+    MB,
     PAIR_COLOURS,
     WIDE,
     add_rows,
@@ -170,11 +175,12 @@ def may_touch(x, y, angle, mobile, wall, size, way, far):
     are kept with the far ones."""
     found, n = set(), len(x)
     for a, b in itertools.combinations(range(n), 2):
-        gap = max(separations(complex(x[a], y[a]), angle[a], complex(x[b], y[b]), angle[b],
-                              WIDTH))
+        apart = separations(complex(x[a], y[a]), angle[a], complex(x[b], y[b]), angle[b], WIDTH)
+        gap, face = max(apart), apart.index(max(apart))
+        aside = max(apart[4 * (face // 4) + (face + turn) % 4] for turn in (1, 3))
         if ((mobile[a] or mobile[b]) and gap <= far[a] + far[b]
                 and math.hypot(x[b] - x[a], y[b] - y[a]) <= 1.41422 * WIDTH + way[a] + way[b]):
-            found.add((a, b, int(gap > FAR * WIDTH)))
+            found.add((a, b, int(gap > FAR * WIDTH or aside > -BLUNT * WIDTH)))
     for a in np.flatnonzero(mobile) if wall else ():
         out = math.hypot(x[a], y[a]) if wall == CIRCLE else max(abs(x[a]), abs(y[a]))
         for q in range(4 if out + 0.70711 * WIDTH + way[a] >= size else 0):
@@ -239,6 +245,71 @@ def test_blocks_in_which_nothing_touches_are_left_out_until_something_does():
     assert apart._work.rows.single[0] == IDLE
     assert hit._work.rows.single[0] != IDLE
     assert hit.state.vx[:2] == pytest.approx([0.075, 0.225], rel=1e-12)
+
+
+def test_corners_that_pass_each_other_are_left_out_until_one_comes_over_the_other():
+    """What slides from beside a held tile onto its top, pressed down, tips over its corner; the two
+    are kept with the far pairs when the step begins."""
+    fallen = 0.5 * 0.01 / MASS / 120**2
+    for speed, carried in ((0.0, False), (-0.3, True)):
+        s = simulate([tile(held=True), tile(WIDTH, WIDTH, vx=speed)], step=1 / 120, substeps=12,
+                     body=material(friction=0.0), drive=Drive("constant", force=(0.0, -0.01)))
+        s.advance(1)
+        assert s._work.rows.corner[0] == 1
+        assert (s._work.rows.single[0] == IDLE) != carried
+        turn = s.angle[1]  # of the held tile's corner, as seen from the other one
+        height = (0.5 * WIDTH - s.y[1]) * math.cos(turn) - (0.5 * WIDTH - s.x[1]) * math.sin(turn)
+        inside = (0.5 * WIDTH + height) / fallen
+        assert inside == pytest.approx(0.0 if carried else 1.0, abs=0.02)
+
+
+@jit.kernel
+def reach_and_place(rows, k, gain, x, y, c, s, v):
+    """Whether the pairs of the first block are out of reach; and places them."""
+    rows, v = lean(rows), lean(v)
+    look(rows, 0, x, y, c, s, v.vx, v.vy, v.w)
+    apart = out_of_reach(rows, 0, k.width, k.h, gain)
+    place_block(rows, 0, k, gain, x, y, c, s, v)
+    return apart
+
+
+def test_pairs_that_are_out_of_reach_neither_touch_nor_may_hit():
+    """Of two tiles about as far apart as matters, at any angle or corner to corner, and fast or
+    slow; and most of those that do neither are found to be out of reach."""
+    rng, rows, v, k = np.random.default_rng(11), empty_rows(2, 16), empty_bodies(2), numbers(2)
+    rows.body[:] = 2
+    rows.body[0], rows.body[int(LANES)] = 0, 1
+    rows.field[int(MA)] = rows.field[int(MB)] = 1.0
+    touch = free = left_out = 0
+    for _ in range(6000):
+        fast = 10.0 ** rng.uniform(-4, 2)
+        v.vx[:2], v.vy[:2], v.w[:2] = fast * 0.03 * rng.normal(size=(3, 2)) * [[1], [1], [50]]
+        corners = rng.random() < 0.5
+        angle = np.append(rng.normal(0.0, 1e-3 if corners else 2.0, 2), 0.0)
+        place = (complex(*(WIDTH * (1 + rng.normal(0, 2e-3, 2)))) if corners
+                 else WIDTH * rng.uniform(0.9, 1.6) * np.exp(1j * rng.uniform(0, 7)))
+        x, y = np.array([0, place.real, 0]), np.array([0, place.imag, 0])
+        apart = reach_and_place(rows, k, 10.0 ** rng.uniform(-7, -3), x, y, np.cos(angle),
+                                np.sin(angle), v)
+        open_ = rows.field[int(COUNT)] == 0.0 and rows.field[int(HIT)] == 0.0
+        assert open_ or not apart
+        touch, free, left_out = touch + (not open_), free + open_, left_out + apart
+    assert touch > 1000
+    assert left_out > 0.8 * free > 1000
+
+
+def test_where_all_pairs_have_rows_an_impact_is_the_same_as_beside_a_tile_far_away():
+    """Nobody looks for what else it may hit."""
+    pair = [tile(0, 0, vx=0.4, spin=20.0), tile(1.3 * WIDTH, 0.4 * WIDTH, 0.3, spin=-30.0)]
+    alone, beside = (simulate([*pair, *more], step=1 / 60, substeps=4,
+                              body=material(restitution=0.5, friction=0.3))
+                     for more in ([], [tile(10.0, held=True)]))
+    for s in (alone, beside):
+        s.advance(12)
+    assert alone.counts.impacts[0] > 0
+    assert alone.counts.surprises[0] == 0 < beside.counts.surprises[0]
+    for name in ("x", "y", "angle", "vx", "vy", "omega"):
+        assert (getattr(alone, name)[:2] == getattr(beside, name)[:2]).all()
 
 
 def test_rows_that_do_not_fit_are_not_added():

@@ -106,12 +106,14 @@ from tbsa.kernels.mean_forces import add_mean_forces, any_turns_far
 from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, stale
 from tbsa.kernels.projection import SLOP, find_deep, part_listed, project
 from tbsa.kernels.rows import (
+    ALL,
     COLOURS,
     LATE,
     NEAR,
     SCALED,
     Impulses,
     Rows,
+    about_the_same,
     add_rows,
     clear_blocks,
     colour_rows,
@@ -123,8 +125,6 @@ from tbsa.kernels.rows import (
     remember,
     remember_all,
     rows_from,
-    same,
-    same_impulses,
 )
 from tbsa.kernels.solver import find_scales, limit_work, relax, scale_impulses, work_on
 from tbsa.kernels.sweeps import (
@@ -149,7 +149,7 @@ TICKS = 8
 # turn further (rad), than this in what they are joined to.
 JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
 
-# Where no tile goes further than this in a step (widths), one may change nothing, by rounding.
+# Where no tile goes further than this in a step (widths), all are at rest.
 STILL = 1e-15
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
@@ -755,13 +755,24 @@ def damping(k: Numbers) -> Any:
 
 
 @inline
+def count_all(k: Numbers, mobile: np.ndarray) -> int:
+    """How many rows there can be where no wall is, else -1."""
+    free = 0
+    for i in range(U(k.n)):
+        free += 1 if mobile[i] != 0.0 else 0
+    return free * (2 * k.n - free - 1) // 2 if k.wall == 0 else -1
+
+
+@inline
 def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts) -> bool:
     """Rows that tiles need which an impact has thrown further than was assumed for the rest of the
     step, of this length (s); whether there are any that they had not got.
 
     Where they are many, or do not fit, all rows are found anew after the substep.
     """
-    n, x, y, angle, v = k.n, state.x, state.y, state.angle, work.bodies
+    n, x, y, angle, v, size = (k.n, state.x, state.y, state.angle, work.bodies, work.rows.size)
+    if size[0] == size[ALL]:
+        return False
     further = beyond(k, time, x, y, angle, work)
     if further == 0 or further > max(n // FEW_TILES, FEW_TILES):
         return False
@@ -818,28 +829,33 @@ def hardly_moves(k: Numbers, v: Bodies) -> bool:
 
 
 @lane
-def note_state(k: Numbers, state: State, work: Work) -> None:
-    """Note velocities and impulses in the state, as at the end of a call, and where tiles are."""
-    n, v, place = k.n, work.bodies, work.shift
-    copy(v.vx, state.vx, n + 1)
-    copy(v.vy, state.vy, n + 1)
-    copy(v.w, state.omega, n + 1)
-    copy(state.x, place.startx, n)
-    copy(state.y, place.starty, n)
-    copy(state.angle, place.startw, n)
-    keep_impulses(k, work.rows, state, work.crew)
+def settle(k: Numbers, state: State, v: Bodies, place: Bodies) -> None:
+    """Take away what is left of velocities, which is rounding, and note where the tiles are."""
+    set_all(v.vx, 0.0)
+    set_all(v.vy, 0.0)
+    set_all(v.w, 0.0)
+    copy(state.x, place.startx, k.n)
+    copy(state.y, place.starty, k.n)
+    copy(state.angle, place.startw, k.n)
 
 
 @lane
-def as_noted(k: Numbers, state: State, work: Work) -> bool:
-    """Whether velocities, places and impulses are those that were noted, to the bit."""
-    v, place, rows, old = work.bodies, work.shift, work.rows, state.impulses
+def stays(k: Numbers, state: State, work: Work) -> bool:
+    """Whether no tile has gone further than `STILL` from where it was noted, or is about to, and
+    impulses are those noted, but for rounding; if so, puts all back, or roundings would add up."""
+    v, place, rows, least = work.bodies, work.shift, work.rows, STILL * k.width
     for i in range(U(k.n)):
-        if not (same(v.vx[i], state.vx[i]) and same(v.vy[i], state.vy[i])
-                and same(v.w[i], state.omega[i]) and same(state.x[i], place.startx[i])
-                and same(state.y[i], place.starty[i]) and same(state.angle[i], place.startw[i])):
+        if not (abs(state.x[i] - place.startx[i]) <= least
+                and abs(state.y[i] - place.starty[i]) <= least
+                and k.width * abs(state.angle[i] - place.startw[i]) <= least):
             return False
-    return bool(same_impulses(rows, rows.size[0], k.n, old))
+    if not (hardly_moves(k, v) and about_the_same(rows, rows.size[0], k.n, state.impulses)):
+        return False
+    copy(place.startx, state.x, k.n)
+    copy(place.starty, state.y, k.n)
+    copy(place.startw, state.angle, k.n)
+    recall(rows, k.n, state.impulses, ZERO, rows.size[0])
+    return True
 
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
@@ -978,6 +994,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     set_all(work.magnets.margin, -1.0)  # nothing is known yet
     set_all(rows.first, ZERO)
     set_all(rows.size, ZERO)
+    rows.size[ALL] = count_all(k, v.mobile)
     set_all(rows.effort, ZERO)
     error, done, wanted, overlap = OK, 0, TICKS, 0.0
     fresh = last[1] == 0  # nothing has looked ahead yet
@@ -987,9 +1004,10 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     slow, slow_spin = damping(kh)
     for step in range(steps):
         # A step depends on the state alone: one that leaves it as it is need not be done again.
-        watched = k.skip_still != 0 and not fresh and hardly_moves(k, v)
-        if watched:
-            note_state(k, state, work)
+        rests = not fresh and hardly_moves(k, v)
+        if rests:
+            settle(k, state, v, work.shift)
+            keep_impulses(k, rows, state, work.crew)
             counted = so_far(rows, counts)
         before = (promised, last[0], last[2])
         left = all_ticks
@@ -1013,14 +1031,18 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 if further > 0:
                     error, found = update_rows(k, reach, left, further, tiles, state, work, counts)
                     overlap = found if found >= 0.0 else overlap
-                if further > 0 or rows.size[LATE] > late:
+                # Where there can be no other rows, nobody asks who comes further than assumed.
+                known_all = rows.size[0] == rows.size[ALL]
+                if further > 0 or rows.size[LATE] > late or known_all:
                     if error != OK:
                         break
-                    wanted = ticks_at(k, rows, x, y, v,
-                                      last[0] <= FEW and overlap <= CALM * k.width, work.crew)
-                    if wanted == 0:
+                    others = further > 0 or rows.size[LATE] > late or last[2] > 0
+                    pace = ticks_at(k, rows, x, y, v,
+                                    last[0] <= FEW and overlap <= CALM * k.width, work.crew)
+                    if pace == 0:
                         error = TOO_FAST
                         break
+                    wanted = pace if others else min(wanted, pace)
                 # What has just hit is where it is to be only after the time that was foreseen.
                 ticks = min(promised, left - end)
                 ticks = ticks if last[2] > 0 else min(wanted, ticks)
@@ -1045,7 +1067,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks
-                further = beyond(k, left * tick, x, y, angle, work) if contacts and left > 0 else 0
+                missing = contacts and left > 0 and rows.size[0] != rows.size[ALL]
+                further = beyond(k, left * tick, x, y, angle, work) if missing else 0
                 counts.surprises[0] += 1 if further > 0 else 0
             if error != OK:
                 break
@@ -1057,8 +1080,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         scale_to(rows, np.int64(TICKS))
         done += 1
         counts.steps[0] += 1
-        if (watched and promised == before[0] and last[0] == before[1] and last[2] == before[2]
-                and as_noted(k, state, work)):
+        if (rests and stays(k, state, work) and k.skip_still != 0
+                and promised == before[0] and last[0] == before[1] and last[2] == before[2]):
             note_still(steps - done, counted, rows, counts)
             done = steps
             break

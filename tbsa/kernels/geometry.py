@@ -159,12 +159,16 @@ def cos_sin(angle: float) -> Any:
 
 @lane
 def pair_gap(dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
-             half: float) -> float:
-    """Largest gap of two squares across a face of one of them (m); they are this far apart."""
+             half: float) -> Any:
+    """Largest gap of two squares across a face of one of them (m), and how far at least they are
+    apart along that face (negative: beside each other); the centres are this far apart."""
     cos, sin = ca * cb + sa * sb, ca * sb - sa * cb
-    on_a = max(abs(dx * ca + dy * sa), abs(dy * ca - dx * sa))
-    on_b = max(abs(dx * cb + dy * sb), abs(dy * cb - dx * sb))
-    return max(on_a, on_b) - half * (1.0 + abs(cos) + abs(sin))
+    reach = half * (1.0 + abs(cos) + abs(sin))
+    ax, ay = abs(dx * ca + dy * sa), abs(dy * ca - dx * sa)
+    bx, by = abs(dx * cb + dy * sb), abs(dy * cb - dx * sb)
+    on_a, on_b = max(ax, ay), max(bx, by)
+    aside = min(ax, ay) if on_a >= on_b else min(bx, by)
+    return max(on_a, on_b) - reach, aside - reach
 
 
 @lane

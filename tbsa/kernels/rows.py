@@ -14,7 +14,6 @@ a block and solved by itself.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +36,7 @@ from tbsa.kernels.crew import (
     give,
     share,
 )
-from tbsa.kernels.geometry import corner_gap, cos_sin, off_wall, pair_gap
+from tbsa.kernels.geometry import BLUNT, corner_gap, cos_sin, off_wall, pair_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
@@ -94,9 +93,13 @@ PAIR_BITS = 2**PAIR_COLOURS - 1
 FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
 ALONE = PAIR_COLOURS + WALL_COLOURS
 COLOURS = ALONE + 1
-# Of the numbers in ``size``: rows that were added within a step, and the substep (h/8) that the
-# impulses are for, 0 where there are no rows yet.
-LATE, SCALED = 2, 3
+# Of the numbers in ``size``: rows that were added within a step, the substep (h/8) that the
+# impulses are for, 0 where there are no rows yet, and how many rows there can be, -1 with a wall.
+LATE, SCALED, ALL = 2, 3, 4
+
+
+# Impulses that differ by less than this part are the same, but for rounding.
+ROUNDING = 1e-13
 
 
 class Rows(NamedTuple):
@@ -128,7 +131,7 @@ class Rows(NamedTuple):
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     colours: np.ndarray  # int64[ALONE], the colours in use, in order, without the last
-    size: np.ndarray  # int64[4], rows, colours in use, and LATE and SCALED
+    size: np.ndarray  # int64[5], rows, colours in use, and LATE, SCALED and ALL
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
 
@@ -159,7 +162,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
         *lists[3], *lists[4],
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
         np.zeros(ALONE, np.int64),
-        np.zeros(4, np.int64), np.zeros(2, np.int64)])
+        np.zeros(5, np.int64), np.zeros(2, np.int64)])
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -235,9 +238,9 @@ def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
             near += 1 if dx * dx + dy * dy <= reach * reach else 0
         for p in range(m, near):
             b = U(nb[p])
-            gap = pair_gap(x[b] - x[a], y[b] - y[a], c[a], s[a], c[b], s[b], half)
+            gap, aside = pair_gap(x[b] - x[a], y[b] - y[a], c[a], s[a], c[b], s[b], half)
             deepest = min(deepest, gap)
-            na[m], nb[m], new_corner[m] = a, nb[p], far_pair(gap, k.width)
+            na[m], nb[m], new_corner[m] = a, nb[p], far_pair(gap, aside, k.width)
             m += 1 if gap <= far_a + far[b] else 0
         if k.wall == 0 or mobile[a] == 0.0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way_a):
             continue
@@ -254,9 +257,9 @@ def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
 
 
 @lane
-def far_pair(gap: float, width: float) -> int:
-    """1 for a pair that is kept with the far ones."""
-    return 1 if gap > FAR * width else 0
+def far_pair(gap: float, aside: float, width: float) -> int:
+    """1 for a pair that is kept with the far ones; see `pair_gap`."""
+    return 1 if (gap > FAR * width) | (aside > -BLUNT * width) else 0
 
 
 @inline
@@ -285,12 +288,12 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
                     or dx * dx + dy * dy > reach * reach):
                 continue
             c[b], s[b] = cos_sin(angle[b])
-            gap = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
+            gap, aside = pair_gap(dx, dy, c[a], s[a], c[b], s[b], half)
             if gap > far[a] + far[b] or has_row(rows, a, near[j], n, ZERO):
                 continue
             if found == most:
                 return -1
-            insert(rows, found, min(a, near[j]), max(a, near[j]), far_pair(gap, k.width))
+            insert(rows, found, min(a, near[j]), max(a, near[j]), far_pair(gap, aside, k.width))
             found += 1
         if k.wall == 0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way[a]):
             continue
@@ -592,8 +595,8 @@ def remember(rows: Rows, n: int, store: Impulses, begin: int, end: int) -> int:
 
 
 @lane
-def same_impulses(rows: Rows, m: int, n: int, store: Impulses) -> bool:
-    """Whether `remember` would store what is in the store, to the bit."""
+def about_the_same(rows: Rows, m: int, n: int, store: Impulses) -> bool:
+    """Whether `remember` would store what is in the store, but for rounding."""
     ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
     j, size = ZERO, store.size[0]
     for i in range(m):
@@ -602,15 +605,11 @@ def same_impulses(rows: Rows, m: int, n: int, store: Impulses) -> bool:
             continue
         if not (j < size and store.a[j] == ra[i] and store.b[j] == rb[i]
                 and store.id0[j] == int(r[k + ID0])
-                and store.id1[j] == (-1 if rb[i] == n else int(r[k + ID1]))
-                and same(store.pn0[j], r[k + PN0]) and same(store.pn1[j], r[k + PN1])
-                and same(store.pt[j], r[k + PT])):
+                and store.id1[j] == (-1 if rb[i] == n else int(r[k + ID1]))):
+            return False
+        least = ROUNDING * (store.pn0[j] + store.pn1[j])
+        if (abs(store.pn0[j] - r[k + PN0]) > least or abs(store.pn1[j] - r[k + PN1]) > least
+                or abs(store.pt[j] - r[k + PT]) > least):
             return False
         j += 1
     return bool(j == size)
-
-
-@lane
-def same(a: float, b: float) -> bool:
-    """Whether two numbers are the same to the bit; of zeros the sign counts."""
-    return (a == b) & (math.copysign(1.0, a) == math.copysign(1.0, b))
