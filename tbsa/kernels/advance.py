@@ -930,7 +930,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
             drift_back(kh, floor, before, v, x, y, angle, crew)
 
     if state.early[0] > 0:
-        spread_early(rows, loads, n, v, x, y, angle)
+        spread_early(rows, k, loads, v, before, x, y, angle)
     low, high = give(crew, END, ZERO, n, LEAST_TILES)
     damp(low, high, slow, slow_spin, v)
     drift(low, high, h - middle, v, x, y, angle)

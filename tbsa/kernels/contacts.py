@@ -42,6 +42,7 @@ from tbsa.kernels.rows import (
     BY,
     CHUNK,
     COUNT,
+    FAR_ROWS,
     GAP0,
     GAP1,
     HIT,
@@ -59,15 +60,14 @@ from tbsa.kernels.rows import (
     LANES,
     MA,
     MB,
-    NEAR_COLOURS,
     NX,
     NY,
-    PAIR_COLOURS,
     PN0,
     PN1,
     PT,
     VN0,
     VN1,
+    WALLS,
     WANT0,
     WANT1,
     WARM0,
@@ -359,7 +359,7 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
     hit, and the deepest overlap (m).
     """
     struck, deepest, per_mass = 0, 0.0, k.per_mass
-    near, pairs = rows.first[NEAR_COLOURS], rows.first[PAIR_COLOURS]
+    near, pairs = rows.first[FAR_ROWS], rows.first[WALLS]
     near = near if pairs - near > 1 else pairs  # a single block takes as long to ask as it saves
     vx, vy, w = v.vx, v.vy, v.w
     for start in range(begin, last, CHUNK):

@@ -174,12 +174,26 @@ def note_early(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.
     note_seen(loads, i, x[i], y[i], angle[i], v.vx[i], v.vy[i], v.w[i])
 
 
+@inline
+def note_before(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
+                i: int) -> None:
+    """Note that tile i goes on as before the solve, if it does for the first time."""
+    if v.mobile[i] != 0.0 and v.moved[i] == 0:
+        v.moved[i] = 1
+        note_seen(loads, i, x[i], y[i], angle[i], v.startx[i], v.starty[i], v.startw[i])
+
+
 @apart
-def spread_early(rows: Rows, loads: Loads, n: int, v: Bodies, x: np.ndarray, y: np.ndarray,
-                 angle: np.ndarray) -> None:
+def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: np.ndarray,
+                 y: np.ndarray, angle: np.ndarray) -> None:
     """Note as well what the tiles that hit after the end have pressed on in the solve, from where
-    they go then: it goes on as it did, so that momentum is that of one moment."""
-    early, moved, r, body = loads.early, v.moved, rows.field, rows.body
+    they go then: it goes on as it did, so that momentum is that of one moment.
+
+    So does all that hangs together with one, if contacts have done work on the rest: they have not
+    on all of it (`u`: velocities before the solve).
+    """
+    early, moved, r, body, island, work = (loads.early, v.moved, rows.field, rows.body,
+                                           rows.island, v.change)
     set_all(moved, ZERO)
     for j in range(early[0]):
         moved[early[j + 1]] = 1
@@ -188,13 +202,22 @@ def spread_early(rows: Rows, loads: Loads, n: int, v: Bodies, x: np.ndarray, y: 
         j += 1
         for p in range(rows.start[early[j]], rows.start[early[j] + 1]):
             at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-            if r[at + PN0] == 0.0 and r[at + PN1] == 0.0:
-                continue
-            for other in (body[t], body[t + LANES]):
-                if other < n and v.mobile[other] != 0.0 and moved[other] == 0:
-                    moved[other] = 1
-                    note_seen(loads, other, x[other], y[other], angle[other], v.startx[other],
-                              v.starty[other], v.startw[other])
+            if r[at + PN0] != 0.0 or r[at + PN1] != 0.0:
+                note_before(loads, v, x, y, angle, body[t])
+                note_before(loads, v, x, y, angle, body[t + LANES])
+    set_all(work, 0.0)
+    for i in range(k.n):
+        if v.mobile[i] != 0.0 and moved[i] == 0:
+            work[island[i]] += (
+                k.mass * ((v.vx[i] - u.vx[i]) * (v.vx[i] + u.vx[i])
+                          + (v.vy[i] - u.vy[i]) * (v.vy[i] + u.vy[i]))
+                + k.inertia * (v.w[i] - u.w[i]) * (v.w[i] + u.w[i]))
+    for j in range(early[0]):
+        i = island[early[j + 1]]
+        work[i] = math.inf if work[i] > 0.0 else work[i]
+    for i in range(k.n):
+        if work[island[i]] == math.inf:
+            note_before(loads, v, x, y, angle, i)
 
 
 @apart

@@ -21,6 +21,7 @@ from tbsa.kernels.rows import (
     BLOCK,
     BODIES,
     COLOURS,
+    FAR_ROWS,
     HIT,
     K00,
     K11,
@@ -32,6 +33,7 @@ from tbsa.kernels.rows import (
     PT,
     VN0,
     VN1,
+    WALLS,
     WARM0,
     WARM1,
     WARMT,
@@ -198,12 +200,18 @@ def slope_blocks(rows: Rows) -> Any:
 def go_on_blocks(rows: Rows, beta: float, per_mass: float, v: Bodies) -> None:
     """All rows go on."""
     r, vx, vy, w = rows.field, v.vx, v.vy, v.w
+    far, walls = rows.first[FAR_ROWS], rows.first[WALLS]
     for block in range(rows.first[COLOURS]):
+        if far <= block < walls:  # may share tiles
+            continue
         gather(rows, block, vx, vy, w)
         o = U(block) * BLOCK
         for i in range(LANES):
             go_on(r, o + i, beta, per_mass)
         scatter(rows, block, vx, vy, w)
+    for q in range(WIDE * far, WIDE * walls):
+        go_on(r, gather_row(rows, q, vx, vy, w), beta, per_mass)
+        scatter_row(rows, q, vx, vy, w)
 
 
 @apart

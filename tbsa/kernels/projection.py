@@ -33,6 +33,7 @@ from tbsa.kernels.rows import (
     BY,
     COLOURS,
     COUNT,
+    FAR_ROWS,
     GAP0,
     GAP1,
     HIT,
@@ -251,7 +252,8 @@ def part_all(rows: Rows, size: int, k: Numbers, v: Bodies, shift: Bodies, x: np.
         end = done
         while end < size and now[end] < WIDE * first[colour + 1]:
             end += 1
-        mine, last = give(crew, PART, done, end, LEAST_ROWS)
+        # Far rows may have a tile in common.
+        mine, last = give(crew, PART, done, end, LEAST_ROWS if colour != FAR_ROWS else end + 1)
         part_listed(rows, k, v, shift, x, y, angle, rest, left, mine, last)
         collect(crew)
         done = end

@@ -3,8 +3,9 @@
 A row is one manifold.  WIDE rows without a common mobile tile make a block, blocks of one
 colour have no common tile either, and a field of a block is as many neighbouring numbers (its
 lanes): a loop over the lanes is plain vector code, and the solve of a block is that of its rows
-one after the other.  Which rows there are is found once a step; where they touch, every substep
-(`contacts.py`).
+one after the other.  Far pairs, which mostly do not touch, stand in blocks of their own, whatever
+their tiles are: they are placed like the others, and what touches is solved one by one.  Which
+rows there are is found once a step; where they touch, every substep (`contacts.py`).
 
 Body index n is the ground (the wall); it never moves.  Rows are kept in the order of a, then b,
 then corner, and coloured in that order; both depend on tile numbers alone, whatever the age of
@@ -84,14 +85,14 @@ IDLE = -1
 # themselves: most of them are not in contact all the step long, and their blocks are left out of
 # the solve.
 FAR = 0.02
-# Colours of near pairs, as many of far ones, then those of walls, of which a tile has eight rows at
-# most; then the rows that are alone.
-NEAR_COLOURS, WALL_COLOURS = 16, 8
-PAIR_COLOURS = 2 * NEAR_COLOURS
-PAIR_BITS = 2**PAIR_COLOURS - 1
-# The first of eight bits that is not set; 8 where all are.  A kind has two times eight colours.
+# Colours of near pairs; the far ones, whose blocks may share tiles; colours of walls, of which a
+# tile has eight rows at most; then the rows that are alone.
+FAR_ROWS, WALL_COLOURS = 16, 8
+WALLS = FAR_ROWS + 1
+NEAR_BITS = 2**FAR_ROWS - 1
+# The first of eight bits that is not set; 8 where all are.  There are two times eight colours.
 FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
-ALONE = PAIR_COLOURS + WALL_COLOURS
+ALONE = WALLS + WALL_COLOURS
 COLOURS = ALONE + 1
 # Of the numbers in ``size``: rows that were added within a step, the substep (h/8) that the
 # impulses are for, 0 where there are no rows yet, and how many rows there can be, -1 with a wall.
@@ -130,7 +131,7 @@ class Rows(NamedTuple):
     island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
-    colours: np.ndarray  # int64[ALONE], the colours in use, in order, without the last
+    colours: np.ndarray  # int64[ALONE], those of the colours that are in use, in order
     size: np.ndarray  # int64[5], rows, colours in use, and LATE, SCALED and ALL
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
@@ -370,7 +371,7 @@ def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
 def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) -> bool:
     """Take the m new rows, and give them their places in the blocks, empty of impulses.
 
-    Greedily, in order: a row takes the first colour that none of its mobile tiles has.  Returns
+    Greedily, in order: a near row takes the first colour that none of its mobile tiles has. Returns
     whether the blocks are enough, with some to spare for rows that are found late.
     """
     used, fill, first, slot = rows.used, rows.fill, rows.first, rows.slot
@@ -387,14 +388,15 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
         a, b = ra[i], rb[i]
         colour = 0
         if b == k.n:
-            colour = PAIR_COLOURS + used[a] // (PAIR_BITS + 1)
-            used[a] += PAIR_BITS + 1
+            colour = WALLS + used[a] // (NEAR_BITS + 1)
+            used[a] += NEAR_BITS + 1
+        elif rows.corner[i] != 0:
+            colour = FAR_ROWS
         else:
-            begin = NEAR_COLOURS * rows.corner[i]
-            taken = (used[a] | used[b]) >> begin
-            colour = begin + (FREE[U(taken & 255)] if taken & 255 != 255
-                              else 8 + FREE[U(taken >> 8 & 255)])
-            if colour < begin + NEAR_COLOURS:
+            taken = used[a] | used[b]
+            colour = (FREE[U(taken & 255)] if taken & 255 != 255
+                      else 8 + FREE[U(taken >> 8 & 255)])
+            if colour < FAR_ROWS:
                 used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
                 used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
             else:
@@ -406,7 +408,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     for q in range(last + 1):
         first[q] = blocks
         blocks += fill[q] if q == ALONE else int(U(fill[q] + WIDE - 1) // LANES)
-        if fill[q] > 0 and q < ALONE:
+        if fill[q] > 0 and q != FAR_ROWS and q != ALONE:
             rows.colours[in_use] = q
             in_use += 1
         fill[q] = 0
@@ -441,7 +443,7 @@ def clear_blocks(rows: Rows, n: int, begin: int, end: int) -> None:
     """Make these blocks empty, in the fields that are read before they are written."""
     for block in range(begin, end):
         # `place_pairs` writes every other field of every lane, `place_walls` does not.
-        empty_block(rows, block, n, ZEROED if block < rows.first[PAIR_COLOURS] else BLOCK)
+        empty_block(rows, block, n, ZEROED if block < rows.first[WALLS] else BLOCK)
 
 
 @lane

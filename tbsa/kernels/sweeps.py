@@ -49,6 +49,7 @@ from tbsa.kernels.rows import (
     CHUNK,
     COLOURS,
     COUNT,
+    FAR_ROWS,
     IDLE,
     LANES,
     PN0,
@@ -186,10 +187,13 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
         mine, last = give(crew, APPLY, first[colour], first[colour + 1], LEAST_BLOCKS)
         apply_blocks(rows, per_mass, v, mine, last)
         collect(crew)
-    for block in range(first[ALONE], first[COLOURS]):
-        k = gather_row(rows, WIDE * block, vx, vy, w)
-        push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
-        scatter_row(rows, WIDE * block, vx, vy, w)
+    for colour in (FAR_ROWS, ALONE):
+        for q in range(WIDE * first[colour], WIDE * first[colour + 1]):
+            k = lane_of(q)
+            if r[k + PN0] != 0.0 or r[k + PN1] != 0.0:
+                gather_row(rows, q, vx, vy, w)
+                push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+                scatter_row(rows, q, vx, vy, w)
 
 
 @lane
@@ -260,11 +264,18 @@ def sweep_rows(rows: Rows, k: Numbers, v: Bodies, forward: bool, crew: Crew) -> 
 
 @inline
 def sweep_alone(rows: Rows, k: Numbers, v: Bodies) -> Any:
-    """Solve the rows that are alone in their blocks, likewise."""
+    """Solve the far rows that touch, and those that are alone in their blocks, likewise."""
+    r, first = rows.field, rows.first
     many, worst = ZERO, 0.0
-    for block in range(rows.first[ALONE], rows.first[COLOURS]):
-        if rows.single[block] != IDLE:
-            solve_row(rows, WIDE * block, k.per_mass, v)
+    for colour in (FAR_ROWS, ALONE):
+        for block in range(first[colour], first[colour + 1]):
+            if rows.single[block] == IDLE:
+                continue
+            for q in range(WIDE * block, WIDE * (block + 1)):
+                if r[lane_of(q) + COUNT] != 0.0:
+                    solve_row(rows, q, k.per_mass, v)
+                else:
+                    r[lane_of(q) + CHANGE] = 0.0
             some, worst = tally(rows, block, k, worst)
             many += some
     return many, worst
