@@ -56,13 +56,13 @@ from tbsa.kernels.rows import (
     BODIES,
     COUNT,
     FAR,
-    FAR_ROWS,
     HIT,
     ID1,
     IDLE,
     LANES,
     MA,
     MB,
+    NEAR_COLOURS,
     WIDE,
     add_rows,
     colour_rows,
@@ -331,7 +331,7 @@ def test_a_tile_that_may_touch_more_others_than_there_are_colours_is_carried_by_
                  body=material(friction=0.0), drive=Drive("constant", force=(0.0, -0.5)))
     s.advance(1)
     forces = s.contact_forces()
-    assert s._work.rows.size[0] > 2 * FAR_ROWS
+    assert s._work.rows.size[0] > 2 * NEAR_COLOURS
     assert forces["normal0"].sum() + forces["normal1"].sum() == pytest.approx(0.5, rel=1e-9)
     assert abs(s.y[-1] - WIDTH) < 1e-9 * WIDTH
 

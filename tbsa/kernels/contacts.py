@@ -42,7 +42,6 @@ from tbsa.kernels.rows import (
     BY,
     CHUNK,
     COUNT,
-    FAR_ROWS,
     GAP0,
     GAP1,
     HIT,
@@ -60,6 +59,7 @@ from tbsa.kernels.rows import (
     LANES,
     MA,
     MB,
+    NEAR_ROWS,
     NX,
     NY,
     PN0,
@@ -359,8 +359,8 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
     hit, and the deepest overlap (m).
     """
     struck, deepest, per_mass = 0, 0.0, k.per_mass
-    near, pairs = rows.first[FAR_ROWS], rows.first[WALLS]
-    near = near if pairs - near > 1 else pairs  # a single block takes as long to ask as it saves
+    far, pairs = rows.first[NEAR_ROWS], rows.first[WALLS]
+    far = far if far > 1 else 0  # a single block takes as long to ask as it saves
     vx, vy, w = v.vx, v.vy, v.w
     for start in range(begin, last, CHUNK):
         end = min(start + CHUNK, last)
@@ -368,7 +368,7 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
             for block in range(start, end):
                 look(rows, block, x, y, c, s, vx, vy, w)
             for block in range(start, end):
-                if block >= near and out_of_reach(rows, block, k.width, k.h, gain):
+                if block < far and out_of_reach(rows, block, k.width, k.h, gain):
                     leave_out(rows, block)
                 else:
                     place_pairs(rows, block, k.width, k.h, gain)

@@ -21,19 +21,18 @@ from tbsa.kernels.rows import (
     BLOCK,
     BODIES,
     COLOURS,
-    FAR_ROWS,
     HIT,
     K00,
     K11,
     KTT,
     LANES,
     MU,
+    NEAR_ROWS,
     PN0,
     PN1,
     PT,
     VN0,
     VN1,
-    WALLS,
     WARM0,
     WARM1,
     WARMT,
@@ -200,16 +199,14 @@ def slope_blocks(rows: Rows) -> Any:
 def go_on_blocks(rows: Rows, beta: float, per_mass: float, v: Bodies) -> None:
     """All rows go on."""
     r, vx, vy, w = rows.field, v.vx, v.vy, v.w
-    far, walls = rows.first[FAR_ROWS], rows.first[WALLS]
-    for block in range(rows.first[COLOURS]):
-        if far <= block < walls:  # may share tiles
-            continue
+    far = rows.first[NEAR_ROWS]  # blocks, that may share tiles
+    for block in range(far, rows.first[COLOURS]):
         gather(rows, block, vx, vy, w)
         o = U(block) * BLOCK
         for i in range(LANES):
             go_on(r, o + i, beta, per_mass)
         scatter(rows, block, vx, vy, w)
-    for q in range(WIDE * far, WIDE * walls):
+    for q in range(WIDE * far):
         go_on(r, gather_row(rows, q, vx, vy, w), beta, per_mass)
         scatter_row(rows, q, vx, vy, w)
 

@@ -85,11 +85,11 @@ IDLE = -1
 # themselves: most of them are not in contact all the step long, and their blocks are left out of
 # the solve.
 FAR = 0.02
-# Colours of near pairs; the far ones, whose blocks may share tiles; colours of walls, of which a
-# tile has eight rows at most; then the rows that are alone.
-FAR_ROWS, WALL_COLOURS = 16, 8
-WALLS = FAR_ROWS + 1
-NEAR_BITS = 2**FAR_ROWS - 1
+# The far pairs, whose blocks may share tiles; colours of near pairs, and of walls, of which a tile
+# has eight rows at most; then the rows that are alone.
+FAR_ROWS, NEAR_ROWS, NEAR_COLOURS, WALL_COLOURS = 0, 1, 16, 8
+WALLS = NEAR_ROWS + NEAR_COLOURS
+NEAR_BITS = 2**NEAR_COLOURS - 1
 # The first of eight bits that is not set; 8 where all are.  There are two times eight colours.
 FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
 ALONE = WALLS + WALL_COLOURS
@@ -396,9 +396,10 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
             taken = used[a] | used[b]
             colour = (FREE[U(taken & 255)] if taken & 255 != 255
                       else 8 + FREE[U(taken >> 8 & 255)])
-            if colour < FAR_ROWS:
+            if colour < NEAR_COLOURS:
                 used[a] |= (1 if mobile[a] != 0.0 else 0) << colour
                 used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
+                colour += NEAR_ROWS
             else:
                 colour = ALONE
         slot[i] = colour
