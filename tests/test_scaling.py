@@ -1,6 +1,10 @@
 """The paper's scaling argument: what its steps give, and what would give the printed root."""
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import derivation
 import numpy as np
@@ -23,6 +27,7 @@ BOND = force(0.003, Law())
 MU, FLOOR = 0.25, 0.25 * 0.016 * 9.81
 DEGREE = math.pi / 180.0
 SIMULATOR = Law(cutoff=0.03, switch=0.1)
+ROOT = Path(__file__).parents[1]
 SYMBOLS = (F_g, derivation.F, derivation.mu, derivation.R)
 
 
@@ -277,3 +282,27 @@ def test_the_report_has_every_reading_with_its_assumption():
         assert f"{each.bound(BOND, 0.075, MU, FLOOR):.2f}" in line
         assert each.formula in line
         assert each.assumes in text
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, math.nan])
+def test_a_block_without_size_neither_slips_nor_detaches(size):
+    for load in (scaling.slip_onset, scaling.critical_load):
+        with pytest.raises(ValueError, match="the size must be positive"):
+            load(0.0, size, BOND)
+
+
+@pytest.mark.parametrize(("stdout", "words"), [("closed", ""), ("full", "No space left")])
+def test_a_report_that_cannot_be_written_is_told_by_the_exit_code(stdout, words):
+    if stdout == "closed":
+        end, place = os.pipe()
+        os.close(end)
+    elif os.path.exists("/dev/full"):
+        place = os.open("/dev/full", os.O_WRONLY)
+    else:
+        pytest.skip("needs /dev/full")
+    found = subprocess.run([sys.executable, "-m", "theory.scaling"], cwd=ROOT, stdout=place,
+                           stderr=subprocess.PIPE, text=True, check=False)
+    os.close(place)
+    assert found.returncode == 1
+    assert words in found.stderr
+    assert len(found.stderr.splitlines()) == bool(words)

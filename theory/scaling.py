@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from theory import statics
+from theory import command, statics
 from theory.floor import max_force
 from theory.magnets import Glues, Law, force
 
@@ -109,7 +109,14 @@ def slip_onset(angle: float, n: float, bond: float, mu: float = 0.0, floor: floa
     along which this slides: the floor's friction is against the motion once there is motion, but
     at rest it may have any direction.  Between the two loads both rest and slip are consistent,
     and which of them happens depends on how the load came about.
+
+    Raises
+    ------
+    ValueError
+        A size that is not positive.
     """
+    if not n > 0.0:
+        raise ValueError(f"the size must be positive, not {n}")
     g = bond / n
     c, s = math.cos(angle), math.sin(angle)
     found = [math.inf]
@@ -287,4 +294,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

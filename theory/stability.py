@@ -25,6 +25,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import binom
 
+from theory import command
 from theory.floor import engine_torque, max_force
 from theory.magnets import Law
 from theory.statics import (
@@ -385,4 +386,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)
