@@ -189,8 +189,8 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
     """Note as well what the tiles that hit after the end have pressed on in the solve, from where
     they go then: it goes on as it did, so that momentum is that of one moment.
 
-    So does all that hangs together with one, if contacts have done work on the rest: they have not
-    on all of it (`u`: velocities before the solve).
+    Without forces, so does all that hangs together with one, if contacts have done work on the rest:
+    they have not on all of it (`u`: velocities before the solve).
     """
     early, moved, r, body, island, work = (loads.early, v.moved, rows.field, rows.body,
                                            rows.island, v.change)
@@ -205,6 +205,8 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
             if r[at + PN0] != 0.0 or r[at + PN1] != 0.0:
                 note_before(loads, v, x, y, angle, body[t])
                 note_before(loads, v, x, y, angle, body[t + LANES])
+    if loads.gain > 0.0:
+        return
     set_all(work, 0.0)
     for i in range(k.n):
         if v.mobile[i] != 0.0 and moved[i] == 0:
