@@ -189,8 +189,8 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
     """Note as well what the tiles that hit after the end have pressed on in the solve, from where
     they go then: it goes on as it did, so that momentum is that of one moment.
 
-    Without forces, so does all that hangs together with one, if contacts have done work on the rest:
-    they have not on all of it (`u`: velocities before the solve).
+    Without forces, so does all that hangs together with one, if contacts have done work on the
+    rest: they have not on all of it (`u`: velocities before the solve).
     """
     early, moved, r, body, island, work = (loads.early, v.moved, rows.field, rows.body,
                                            rows.island, v.change)

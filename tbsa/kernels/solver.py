@@ -28,6 +28,7 @@ from tbsa.kernels.sweeps import (
     sweep_floor,
     sweep_queue,
     sweep_rows,
+    sweep_stale,
 )
 
 
@@ -75,8 +76,8 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
             break
     for j in range(size):
         queued[now[j]] = 0
-    if floor.law != 0 and listed:  # last, so that what the floor holds is at rest exactly
-        sweep_floor(floor, k, c, s, v, crew)
+    if floor.law != 0 and listed:
+        sweep_stale(floor, k, c, s, v)
     return done
 
 

@@ -65,6 +65,8 @@ LITTLE = 0.5
 # Of the speed of its tiles a row may be left this part; the tolerance at most, and what tiles at
 # rest have at least.
 LEFT = 0.5
+# In place of a change: a row has moved the tile by little since its floor has been solved.
+STALE = 1e30
 MANY = 16 // WIDE  # rows that are woken by one that has changed, for a block in the time of a row
 
 
@@ -338,6 +340,15 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
 
 
 @inline
+def sweep_stale(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
+    """Solve the floor's impulse of the tiles that a pass over a list has moved since, last, so that
+    what the floor holds is at rest exactly."""
+    for i in range(U(k.n)):
+        if v.change[i] == STALE:
+            floor_below(floor.law, i, floor, k, c, s, v)
+
+
+@inline
 def turn_round(rows: Rows, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray,
                v: Bodies) -> None:
     """Solve the floor's impulse anew of the tiles without rows that turn round in the substep."""
@@ -404,7 +415,8 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
     floors: a processor begins with the next one while it waits for this one, as long as there is
     nothing to guess.
     Friction and normal impulses alternate in a manifold of two points: if it has changed it is on
-    the next list, too.  Returns the length of that, and the largest change (m/s) of a row.
+    the next list, too.  Floors below what has been moved by little are left for the end, see
+    `sweep_stale`.  Returns the length of the next list, and the largest change (m/s) of a row.
     """
     body, now, queued, changes = rows.body, rows.now, rows.queued, rows.changes
     moved, stirred, change = v.moved, v.stirred, v.change
@@ -417,9 +429,10 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
     for j in range(size):
         q = now[j]
         queued[q] = 0
-        if changes[j] <= little:
-            continue
         t = U(q // WIDE) * BODIES + U(q % WIDE)
+        if changes[j] <= little:
+            change[body[t]] = change[body[t + LANES]] = STALE
+            continue
         alone = rows.field[lane_of(q) + COUNT] < 1.5
         queued[q] = 1 if alone else 0
         for tile in (body[t], body[t + LANES]):
