@@ -72,9 +72,11 @@ MANY = 16 // WIDE  # rows that are woken by one that has changed, for a block in
 
 @lane
 def as_fast(k: Numbers, change: float, speed: float) -> float:
-    """A change of a velocity (m/s) as it counts, for a tile of this speed (m/s)."""
+    """A change of a velocity (m/s) as it counts, for a tile of this speed (m/s): none where it is
+    little, else the tolerance, or more than that; nobody asks by how much."""
     left = min(max(k.at_rest * k.tolerance, LEFT * speed), k.tolerance)
-    return change * (k.tolerance / left)
+    much = k.tolerance if change <= left else 2.0 * k.tolerance
+    return 0.0 if change <= LITTLE * left else much
 
 
 @lane
