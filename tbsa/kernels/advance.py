@@ -1033,7 +1033,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                     overlap = found if found >= 0.0 else overlap
                 # Where there can be no other rows, nobody asks who comes further than assumed.
                 known_all = rows.size[0] == rows.size[ALL]
-                if further > 0 or rows.size[LATE] > late or known_all:
+                if further > 0 or rows.size[LATE] > late or (known_all and rows.size[0] > 0):
                     if error != OK:
                         break
                     others = further > 0 or rows.size[LATE] > late or last[2] > 0
