@@ -764,14 +764,20 @@ def count_all(k: Numbers, mobile: np.ndarray) -> int:
 
 
 @inline
+def all_known(rows: Rows) -> bool:
+    """Whether every pair that there is has its row: nothing else can be hit."""
+    return bool(rows.size[0] == rows.size[ALL])
+
+
+@inline
 def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts) -> bool:
     """Rows that tiles need which an impact has thrown further than was assumed for the rest of the
     step, of this length (s); whether there are any that they had not got.
 
     Where they are many, or do not fit, all rows are found anew after the substep.
     """
-    n, x, y, angle, v, size = (k.n, state.x, state.y, state.angle, work.bodies, work.rows.size)
-    if size[0] == size[ALL]:
+    n, x, y, angle, v = k.n, state.x, state.y, state.angle, work.bodies
+    if all_known(work.rows):
         return False
     further = beyond(k, time, x, y, angle, work)
     if further == 0 or further > max(n // FEW_TILES, FEW_TILES):
@@ -1032,17 +1038,16 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                     error, found = update_rows(k, reach, left, further, tiles, state, work, counts)
                     overlap = found if found >= 0.0 else overlap
                 # Where there can be no other rows, nobody asks who comes further than assumed.
-                known_all = rows.size[0] == rows.size[ALL]
-                if further > 0 or rows.size[LATE] > late or (known_all and rows.size[0] > 0):
+                others = further > 0 or rows.size[LATE] > late
+                if others or (all_known(rows) and rows.size[0] > 0):
                     if error != OK:
                         break
-                    others = further > 0 or rows.size[LATE] > late or last[2] > 0
                     pace = ticks_at(k, rows, x, y, v,
                                     last[0] <= FEW and overlap <= CALM * k.width, work.crew)
                     if pace == 0:
                         error = TOO_FAST
                         break
-                    wanted = pace if others else min(wanted, pace)
+                    wanted = pace if others or last[2] > 0 else min(wanted, pace)
                 # What has just hit is where it is to be only after the time that was foreseen.
                 ticks = min(promised, left - end)
                 ticks = ticks if last[2] > 0 else min(wanted, ticks)
@@ -1067,7 +1072,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks
-                missing = contacts and left > 0 and rows.size[0] != rows.size[ALL]
+                missing = contacts and left > 0 and not all_known(rows)
                 further = beyond(k, left * tick, x, y, angle, work) if missing else 0
                 counts.surprises[0] += 1 if further > 0 else 0
             if error != OK:

@@ -192,7 +192,7 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> 
 @inline
 def out_of_reach(rows: Rows, block: int, width: float, h: float, gain: float) -> bool:
     """Whether no pair of a block touches or may hit: each is too far apart, or its corners pass
-    each other.  `place_pairs` would find the same; this is a fifth of that."""
+    each other.  `place_pairs` would find the same, with more work."""
     r, spare = rows.field, max(SPARE * width, gain)
     o = U(block) * BLOCK
     some = 0
