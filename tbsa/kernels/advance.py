@@ -203,6 +203,7 @@ class Work(NamedTuple):
     scratch: Scratch
     c: np.ndarray  # cos and sin of the angles
     s: np.ndarray
+    turned: np.ndarray  # rad, the angles that these are of; not a number where they may be others
     far: np.ndarray  # m, how far the corners may come in a step
     way: np.ndarray  # m, how far the centres may
     x0: np.ndarray  # m, rad, where the tiles were when the rows were found
@@ -218,6 +219,7 @@ class Work(NamedTuple):
     mid_angle: np.ndarray
     mid_c: np.ndarray  # ... and cos and sin of the angles there, where there are magnets
     mid_s: np.ndarray
+    mid_turned: np.ndarray  # rad, the angles that these are of
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
@@ -228,9 +230,10 @@ class Work(NamedTuple):
 @lane
 def by_itself(w: Work) -> Work:
     """The same, with nobody to help."""
-    return Work(w.pairs, w.rows, w.bodies, w.shift, w.scratch, w.c, w.s, w.far, w.way, w.x0, w.y0,
-                w.angle0, w.pace, w.speed, w.need, w.turning, w.margin, w.midx, w.midy,
-                w.mid_angle, w.mid_c, w.mid_s, w.fx, w.fy, w.torque, w.magnets, nobody(w.crew))
+    return Work(w.pairs, w.rows, w.bodies, w.shift, w.scratch, w.c, w.s, w.turned, w.far, w.way,
+                w.x0, w.y0, w.angle0, w.pace, w.speed, w.need, w.turning, w.margin, w.midx, w.midy,
+                w.mid_angle, w.mid_c, w.mid_s, w.mid_turned, w.fx, w.fy, w.torque, w.magnets,
+                nobody(w.crew))
 
 
 class Counts(NamedTuple):
@@ -387,10 +390,16 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, v: Bodies, x: np.ndarray
 
 
 @inline
-def turn(begin: int, end: int, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """Cosine and sine of the angles of these tiles."""
-    for i in range(U(begin), U(end)):
+def turn(begin: int, end: int, angle: np.ndarray, turned: np.ndarray, c: np.ndarray,
+         s: np.ndarray) -> None:
+    """Cosine and sine of the angles of these tiles, unless they are there: from the first on that
+    has `turned` since they were taken."""
+    first, last = U(begin), U(end)
+    while first < last and angle[first] == turned[first]:
+        first += U(1)
+    for i in range(first, last):
         c[i], s[i] = cos_sin(angle[i])
+        turned[i] = angle[i]
 
 
 @inline
@@ -399,9 +408,9 @@ def turn_again(begin: int, end: int, known: bool, angle: np.ndarray, work: Work)
     the half."""
     if known:
         for i in range(U(begin), U(end)):
-            work.c[i], work.s[i] = work.mid_c[i], work.mid_s[i]
+            work.c[i], work.s[i], work.turned[i] = work.mid_c[i], work.mid_s[i], angle[i]
     else:
-        turn(begin, end, angle, work.c, work.s)
+        turn(begin, end, angle, work.turned, work.c, work.s)
 
 
 @inline
@@ -607,7 +616,7 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     if error != OK:
         return int(error)
     if work.pairs.start[k.n] > 0:
-        turn(ZERO, k.n, angle, work.c, work.s)
+        turn(ZERO, k.n, angle, work.turned, work.c, work.s)
     counts.magnet_lists[0] += 1
     found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
                          turning, near, work.crew)
@@ -626,7 +635,7 @@ def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle:
         mid_angle[i] = angle[i] + half * w[i]
         fx[i] = fy[i] = torque[i] = 0.0
     if law.cutoff > 0.0 and work.magnets.size[0] > 0:
-        turn(begin, end, mid_angle, work.mid_c, work.mid_s)
+        turn(begin, end, mid_angle, work.mid_turned, work.mid_c, work.mid_s)
         place_magnets(work.magnets, law.offset, midx, midy, work.mid_c, work.mid_s, begin, end)
 
 
@@ -704,6 +713,7 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
     few = not first and further <= n // FEW_TILES
     rest = left * (k.h / TICKS)
     if few:
+        set_all(work.turned, math.nan)
         assume(k, rest, False, x, y, angle, work, ZERO, n)
     else:
         crew.numbers[5] = rest
@@ -719,7 +729,7 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
         if error != OK:
             return error, -1.0
     if work.pairs.start[n] > 0 or k.wall != 0:  # else nobody asks
-        turn(ZERO, n, angle, c, s)
+        turn(ZERO, n, angle, work.turned, c, s)
     found, others, overlap = find_rows(rows, work.pairs, k, x, y, c, s, tiles.mobile, way, far,
                                        ahead, crew)
     if found < 0:
@@ -803,6 +813,7 @@ def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work:
     rows, v, x, y, c, s = work.rows, work.bodies, state.x, state.y, work.c, work.s
     ka, points = with_substep(k, ahead), 0
     set_all(work.scratch.since, 0.0)
+    set_all(work.turned, math.nan)
     for _ in range(THROWN):
         points += impacts(rows, ka, loads, v, work.scratch, x, y, state.angle, c, s)
         blocks = rows.first[COLOURS]
@@ -998,6 +1009,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     parts, all_ticks, tick = (2 if k.substeps % 2 == 0 else 1), k.substeps * TICKS, k.h / TICKS
     part_length = k.substeps * k.h / parts
     set_all(work.magnets.margin, -1.0)  # nothing is known yet
+    set_all(work.turned, math.nan)
+    set_all(work.mid_turned, math.nan)
     set_all(rows.first, ZERO)
     set_all(rows.size, ZERO)
     rows.size[ALL] = count_all(k, v.mobile)

@@ -241,7 +241,7 @@ def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
     early[0] = m
 
 
-@inline
+@lane
 def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
          s: np.ndarray, i: int) -> None:
     """Give tile i, once, what forces and floor give it in the substep if it meets nothing.
@@ -345,7 +345,7 @@ def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
     return gain == 0.0 or vn + part * gain < -max(k.threshold, abs(gain))
 
 
-@inline
+@lane
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float,
             begin: float) -> Any:
@@ -414,14 +414,11 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         second = second and fast(k, vn1, gain + bn1 * gb - an1 * ga, part)
         if count != 0.0 and (first or second):
             an, bn = (an1, bn1) if second else (an0, bn0)
-            gap, other, vn = (gap1, gap0, vn0) if second else (gap0, gap1, vn1)
+            other, vn = (gap0, vn0) if second else (gap1, vn1)
             # A corner that leaves is not in contact, though near yet and slower than a bounce.
-            if count == 2.0 and ((first and second) or abs(other - gap) < FLUSH * k.width
+            if count == 2.0 and ((first and second) or abs(gap1 - gap0) < FLUSH * k.width
                                  or (other < near and -slow <= vn <= k.tolerance)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
-            if gap <= other:  # the nearer of them alone
-                _, nx, ny, _, _, an, bn, _, _, _, _, at, bt, _, _ = square_square(
-                    dx, dy, ca, sa, cb, sb, k.width, 0.5 * (gap + other))
             return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
         how = SLOW if there and count != 0.0 else how
         step, nearest = until_touch(
@@ -535,7 +532,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
                 look_again(rows, rows.of[p], k, threshold, loads, v, z, x, y, angle, c, s)
 
 
-@inline
+@lane
 def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float, v: Bodies,
                 z: Scratch, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
     """A row from where its tiles are now, and whether it hits at their new velocities.
@@ -565,7 +562,7 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
     rows.hits[block], rows.single[block] = hits, single if single == LANES else lone
 
 
-@inline
+@lane
 def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads, v: Bodies,
                z: Scratch, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
                s: np.ndarray) -> None:
@@ -813,7 +810,7 @@ def beside(rows: Rows, row: int, k: Numbers, mobile: np.ndarray, z: Scratch) -> 
     return False
 
 
-@inline
+@lane
 def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> Any:
     """Queue a row that may hit, by the time at which it does; or let it go on, or to the solve.

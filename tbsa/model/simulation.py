@@ -177,7 +177,8 @@ class Simulation:
         free = np.where(layout.held, 0.0, 1.0)
         x, y, angle, vx, vy, omega = (
             np.concatenate([np.asarray(values, float), ground])
-            for values in (layout.x, layout.y, layout.angle, layout.vx * free,
+            # An angle is not -0: whether its sine is there already is asked by comparing it.
+            for values in (layout.x, layout.y, layout.angle + 0.0, layout.vx * free,
                            layout.vy * free, layout.omega * free)
         )
         self.state = core.State(x, y, angle, vx, vy, omega,
@@ -241,7 +242,7 @@ class Simulation:
 
     def _space(self) -> core.Work:
         n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
-        scratch = columns(n + 1, [float] * 20)
+        scratch = columns(n + 1, [float] * 22)
         rows = empty_rows(n, self._capacity[core.MORE_ROWS])
         magnetic = self.magnets.cutoff > 0.0
         return core.Work._make([
