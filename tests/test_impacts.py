@@ -36,7 +36,7 @@ from tbsa.model.records import load_checkpoint, save_checkpoint
 from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
 from tbsa.model.simulation import SimulationError
 from tests.benchmarks.invariants import beyond_wall, deepest
-from theory import impact
+from theory import impact, rotation
 
 H = 1 / 480
 TOUCH = 1e-9 * WIDTH  # m, gap at the impact
@@ -217,6 +217,30 @@ def test_a_rocking_square_keeps_a_quarter_of_its_spin_at_each_impact(ground, mu,
     assert abs(landed) < 1e-5 * abs(spin) * WIDTH
     old = velocity_at(complex(s.vx[i], s.vy[i]), s.omega[i], new.conjugate() * -1.0)
     assert old.imag > 0.2 * abs(spin) * WIDTH
+
+
+@pytest.mark.parametrize("steps", [1, 10])
+@pytest.mark.parametrize("ground", GROUNDS)
+def test_a_square_that_rocks_under_a_load_loses_what_housner_says(ground, steps):
+    """It rests on one corner, which bears the load, and lands on the other, whose gap is open yet
+    in the middle of the substep, as are those of a joint below: all of its edge takes part."""
+    held = GROUNDS[ground]
+    reactor = None if held else Reactor("rectangle", width=1.0, height=1.0, friction=1.0,
+                                        restitution=0.0)
+    load, tilt = 0.005, 0.2
+    fall = rotation.rocking_fall(load, MASS, WIDTH, tilt).spin
+    centre = cmath.rect(DIAGONAL, 0.75 * math.pi - tilt) + complex(
+        0.5 * WIDTH, 0.0 if held else -0.5)
+    s = simulate([*held, tile(centre.real, centre.imag, -tilt)], reactor=reactor,
+                 body=material(friction=1.0, restitution=0.0),
+                 drive=Drive("constant", (0.0, -load)), step=1 / (480 * steps), substeps=4,
+                 tolerance=1e-5 / steps, passes=400)
+    most = 0.0
+    while most < 0.9 * fall or s.omega[-1] > 0.7 * most:
+        s.advance(1)
+        most = max(most, s.omega[-1])
+    assert most == pytest.approx(fall, rel=0.01)
+    assert s.omega[-1] == pytest.approx(0.25 * fall, rel=0.01)
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
@@ -512,6 +536,58 @@ def test_a_flat_hit_on_a_wall_gives_no_spin(shape, way, mu, e, solver):
     # On a round wall friction and restitution of the two corners are not those of a face.
     assert dot(s.vx[0] + 1j * s.vy[0], way) == pytest.approx(-0.5 * e, abs=1e-5 if (
         shape == "rectangle" or mu == 0.0 or e == 0.0) else 1e-3)
+
+
+def behind(sides, e, mu):
+    """A square of 0.4 m; or held tiles in place of its east side, or of its corner."""
+    if sides == 0:
+        return [], Reactor("rectangle", width=0.4, height=0.4, friction=mu, restitution=e)
+    edge = 0.2 + 0.5 * WIDTH
+    if sides == 1:
+        return [tile(edge, 0.0, held=True)], None
+    return [tile(*place, held=True) for i in (1, 2)
+            for place in ((edge, edge - i * WIDTH), (edge - i * WIDTH, edge))], None
+
+
+@pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
+def test_a_flat_wall_is_the_face_of_a_held_tile(solver):
+    """Whatever hits it leaves it as it would leave a tile."""
+    rng = np.random.default_rng(11)
+    for mu, e in product((0.0, 0.25, 1.0), (0.0, 0.5, 1.0)):
+        for _ in range(6):
+            angle, spin = rng.choice([0.0, 1e-7, rng.uniform(-3, 3)]), rng.choice([0.0, 3.0])
+            flying = {"angle": angle, "vx": rng.uniform(0.3, 0.6), "spin": spin}
+            after = []
+            for sides in (0, 1):
+                held, reactor = behind(sides, e, mu)
+                s = simulate([*held, tile(0.16, **flying)], reactor=reactor,
+                             body=material(friction=mu, restitution=e), **solver)
+                while s.counts.impacts[0] == 0:
+                    s.advance(1)
+                after.append(state(s)[:, -1])
+            assert after[0] == pytest.approx(after[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
+@pytest.mark.parametrize("mu", [0.0, 0.1, 0.25, 0.6])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_what_flies_flat_into_a_corner_comes_back_the_same_way(e, mu, solver):
+    """Two sides at once, of the four points of which none tells how much each bears: the tile
+    leaves along the diagonal and does not turn, as out of a notch between held tiles."""
+    found = []
+    for sides in (0, 2):
+        held, reactor = behind(sides, e, mu)
+        s = simulate([*held, tile(0.175, 0.175, vx=0.3, vy=0.3)], reactor=reactor,
+                     body=material(friction=mu, restitution=e), **solver)
+        s.run(0.1)
+        x, y, angle, vx, vy, omega = state(s)[:, -1]
+        assert (angle, omega) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert (x, vx) == pytest.approx((y, vy), abs=1e-12)
+        found.append(vx)
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
+    assert found[0] <= 0.0
+    if mu == 0.0:
+        assert found[0] == pytest.approx(-0.3 * e, abs=1e-9)
 
 
 @pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])

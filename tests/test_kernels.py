@@ -57,7 +57,7 @@ from tbsa.kernels.rows import (
     COUNT,
     FAR,
     HIT,
-    ID1,
+    ID0,
     IDLE,
     LANES,
     MA,
@@ -183,13 +183,15 @@ def may_touch(x, y, angle, mobile, wall, size, way, far):
             found.add((a, b, int(gap > FAR * WIDTH or aside > -BLUNT * WIDTH)))
     for a in np.flatnonzero(mobile) if wall else ():
         out = math.hypot(x[a], y[a]) if wall == CIRCLE else max(abs(x[a]), abs(y[a]))
-        for q in range(4 if out + 0.70711 * WIDTH + way[a] >= size else 0):
-            at = angle[a] + (2 * q + 1) * math.pi / 4
-            px = x[a] + math.sqrt(0.5) * WIDTH * math.cos(at)
-            py = y[a] + math.sqrt(0.5) * WIDTH * math.sin(at)
-            gaps = ([size - math.hypot(px, py)] if wall == CIRCLE
-                    else [size - abs(px), size - abs(py)])
-            found |= {(int(a), n, 2 * q + side) for side, gap in enumerate(gaps) if gap <= far[a]}
+        if out + 0.70711 * WIDTH + way[a] < size:
+            continue
+        corners = [x[a] + 1j * y[a] + cmath.rect(math.sqrt(0.5) * WIDTH,
+                                                 angle[a] + (2 * q + 1) * math.pi / 4)
+                   for q in range(4)]
+        gaps = ([size - abs(corner) for corner in corners] if wall == CIRCLE else
+                [size - max((corner / outwards).real for corner in corners)
+                 for outwards in (-1, -1j, 1, 1j)])  # its west, south, east and north side
+        found |= {(int(a), n, code) for code, gap in enumerate(gaps) if gap <= far[a]}
     return found
 
 
@@ -226,7 +228,7 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
         block, lane = divmod(slot, int(BLOCK))
         assert rows.body[block * int(BODIES) + lane] == a
         assert rows.body[block * int(BODIES) + int(LANES) + lane] == b
-        assert rows.field[slot + int(ID1)] == (corner if b == n else -2.0)
+        assert rows.field[slot + int(ID0)] == (2.0 * corner if b == n else -2.0)
         for i in (a, b):
             if mobile[i] > 0.0:
                 of[i].append(WIDE * block + lane)

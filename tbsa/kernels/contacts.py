@@ -15,12 +15,14 @@ import numpy as np
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.geometry import (
     BLUNT,
+    CIRCLE,
     arc,
     bends,
+    circle_corner,
     corner_arm,
     pair_gap,
     square_square,
-    wall_gap,
+    wall_square,
 )
 from tbsa.kernels.jit import U, inline, lane
 from tbsa.kernels.rows import (
@@ -76,6 +78,7 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    wall_code,
 )
 
 # A point is part of a manifold if it is nearer than it can close at its speed within the substep,
@@ -130,8 +133,20 @@ def want(gap: float, bend: float) -> float:
 
 
 @inline
-def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> None:
-    """Where the pairs of a block touch; every point keeps its impulse, a new point has none."""
+def look_at_sides(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray) -> None:
+    """After `look`, of a block of rows with the sides of a rectangle: there stand squares."""
+    r, body = rows.field, rows.body
+    o, t = U(block) * BLOCK, U(block) * BODIES
+    for i in range(LANES):
+        a = U(body[t + i])
+        r[o + I00 + i], r[o + I11 + i] = wall_square(k, wall_code(r, o + i), x[a], y[a])
+        r[o + K11 + i], r[o + KTT + i] = 1.0, 0.0
+
+
+@inline
+def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float, wall: bool) -> None:
+    """Where the pairs of a block touch, or tiles and sides of the `wall`; every point keeps its
+    impulse, a new point has none."""
     r, per_h2, spare = rows.field, 1.0 / (h * h), max(SPARE * width, gain)
     o = U(block) * BLOCK
     lone, some = 0, 0
@@ -141,7 +156,7 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> 
                    + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
         count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a = square_square(
             r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
-            r[o + KTT + i], width, spare + way)
+            r[o + KTT + i], width, spare + way, wall)
         wa, wb = r[o + AW + i], r[o + BW + i]
         bend0, bend1 = bends(
             width, gap0, gap1, at - bt, bn0 - an0, -bn0 if of_a else an0, -bn1 if of_a else an1,
@@ -161,13 +176,16 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float) -> 
         deeper = min(cos, sin) / max(cos, sin) * abs(
             h * (nx * vy_ab - ny * vx_ab + bt * wb - at * wa))
         along = h * (nx * vx_ab + ny * vy_ab)
-        ends0 = abs(an0 if of_a else bn0) > 0.4999 * width
-        ends1 = abs(an1 if of_a else bn1) > 0.4999 * width
+        ends0 = (abs(an0 if of_a else bn0) > 0.4999 * width) & (not wall)
+        ends1 = (abs(an1 if of_a else bn1) > 0.4999 * width) & (not wall)
         below = ((ends0 & (gap0 + along + h * (bn0 * wb - an0 * wa) < deeper))
                  | (ends1 & (gap1 + along + h * (bn1 * wb - an1 * wa) < deeper)))
         swept |= ((count > 0.5) & (min(gap0, gap1) > SPARE * width)
                   & (deeper > SLOPING * width) & below)
-        r[o + HIT + i] = 1.0 if swept | ((miss > 0.0) & (miss < way)) else 0.0
+        swept |= (miss > 0.0) & (miss < way)
+        # A corner that comes to the end of a face may have left it when the gap would close.
+        leaves = (count > 0.5) & (miss > -way) & (min(gap0, gap1) < way)
+        r[o + HIT + i] = 2.0 if leaves else (1.0 if swept else 0.0)
         count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
         id1 = -1.0 if count < 1.5 else id1
         was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
@@ -222,7 +240,7 @@ def leave_out(rows: Rows, block: int) -> None:
 @inline
 def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
                 c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
-    """Where the corners of a block touch the wall."""
+    """Where the corners of a block touch a round wall."""
     r, body, vx, vy, w, h = rows.field, rows.body, v.vx, v.vy, v.w, k.h
     spare = max(SPARE * k.width, gain)
     o, t = U(block) * BLOCK, U(block) * BODIES
@@ -232,9 +250,8 @@ def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, 
         r[o + HIT + i] = 0.0
         if a == U(k.n):
             continue
-        q = int(r[o + ID1 + i])
-        rx, ry = corner_arm(q // 2, 0.5 * k.width, c[a], s[a])
-        gap, nx, ny = wall_gap(k, q % 2, x[a] + rx, y[a] + ry)
+        rx, ry = corner_arm(wall_code(r, o + i), 0.5 * k.width, c[a], s[a])
+        gap, nx, ny = circle_corner(x[a] + rx, y[a] + ry, k.wall_x)
         margin = spare + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
                                 + 0.7072 * k.width * abs(w[a]))
         count = 1.0 if gap <= margin else 0.0
@@ -247,8 +264,8 @@ def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, 
         r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
         up, over = arc(h * w[a])
         fx, fy = h * (vx[a] - w[a] * ry), h * (vy[a] + w[a] * rx)
-        later, _, _ = wall_gap(k, q % 2, x[a] + rx + fx - up * rx + over * ry,
-                               y[a] + ry + fy - up * ry - over * rx)
+        later, _, _ = circle_corner(x[a] + rx + fx - up * rx + over * ry,
+                                    y[a] + ry + fy - up * ry - over * rx, k.wall_x)
         r[o + BEND0 + i] = r[o + BEND1 + i] = (later - gap + nx * fx + ny * fy) / (h * h)
         r[o + PN0 + i] *= count
         r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
@@ -260,11 +277,14 @@ def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, 
 def place_block(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
                 c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Where the rows of any one block touch now."""
-    if rows.body[U(block) * BODIES + LANES] == k.n:
+    wall = rows.body[U(block) * BODIES + LANES] == k.n
+    if wall and k.wall == CIRCLE:
         place_walls(rows, block, k, gain, x, y, c, s, v)
         return
     look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
-    place_pairs(rows, block, k.width, k.h, gain)
+    if wall:
+        look_at_sides(rows, block, k, x, y)
+    place_pairs(rows, block, k.width, k.h, gain, wall)
 
 
 @inline
@@ -326,7 +346,7 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         perhaps = ((r[o + HIT + i] != 0.0) & (k00 * r[o + WARM0 + i] <= least)
                    & (k11 * r[o + WARM1 + i] <= least))
         hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
-        r[o + HIT + i] = -1.0 if perhaps & (hit == 0.0) else hit
+        r[o + HIT + i] = -r[o + HIT + i] if perhaps & (hit == 0.0) else hit
         some += 1 if perhaps | hit0 | hit1 else 0
         live += 1 if closes0 | closes1 | pressed | rests else 0
     rows.hits[block], rows.live[block] = some, live
@@ -371,7 +391,7 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
                 if block < far and out_of_reach(rows, block, k.width, k.h, gain):
                     leave_out(rows, block)
                 else:
-                    place_pairs(rows, block, k.width, k.h, gain)
+                    place_pairs(rows, block, k.width, k.h, gain, False)
         else:
             for block in range(start, end):
                 place_block(rows, block, k, gain, x, y, c, s, v)

@@ -1,4 +1,5 @@
-"""Contact geometry: two equal squares, and a square's corner against a wall.
+"""Contact geometry: two equal squares, a square's corner against a round wall, and a square against
+a flat one, whose side is the face of another square.
 
 Everything a contact row needs follows from the normal `n` (from body a to body b), the gap
 along it (negative: overlap) and the lever arms of one common point, seen from both centres:
@@ -25,7 +26,7 @@ BLUNT = 1e-3
 
 @lane
 def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
-                  width: float, margin: float) -> Any:
+                  width: float, margin: float, wall: bool = False) -> Any:
     """Manifold of two equal squares: up to two points nearer than `margin`.
 
     The reference face is the one of the four with the largest separation (the half extent of
@@ -34,12 +35,14 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a)``: count 0, 1 or 2; gaps in m; ``an``,
     ``bn`` = r x n and ``at``, ``bt`` = r . n seen from a and from b (``at``, ``bt`` are common to
     both points, which lie on one line along the face); ``miss`` is how far along the face the
-    squares pass each other (m) where that is all that keeps them apart, else not positive;
+    squares pass each other (m) where that is all that keeps them apart, else not positive: minus
+    how far they have to go along it until they do, where they are no further apart than `margin`;
     ``of_a`` whether the face is one of a's.  The id names a's edge, b's edge and the end of their
     overlap, whichever square is the reference, so that an impulse finds its point again.
-    Counts and ids are whole numbers kept as floats.
+    Counts and ids are whole numbers kept as floats.  Of a `wall` the face is b's, without an end.
     """
     half = 0.5 * width
+    end = 1e3 * width if wall else half
     cos_ab, sin_ab = ca * cb + sa * sb, ca * sb - sa * cb
     reach = half * (1.0 + abs(cos_ab) + abs(sin_ab))
     ax, ay = dx * ca + dy * sa, dy * ca - dx * sa  # centre b in a's frame
@@ -48,7 +51,7 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
 
     # The reference square's frame, turned by quarter turns so that its face looks along +x:
     # a turn to y where the face is N or S, and half a turn where it is W or S.
-    of_a = on_a >= on_b
+    of_a = (on_a >= on_b) & (not wall)
     x, y, sin = (ax if of_a else bx), (ay if of_a else by), (sin_ab if of_a else -sin_ab)
     rc, rs = (ca if of_a else cb), (sa if of_a else sb)
     along_x = abs(x) >= abs(y)
@@ -63,12 +66,12 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     other = -1.0 if cos < 0.0 else 1.0
     cos, sin = other * cos, other * sin
     facing = (2.0 if even else 1.0) + (0.0 if other > 0.0 else (-2.0 if even else 2.0))
-    # That edge runs from (x0, y0) up to (x1, y1); clip it to |y| <= half.
+    # That edge runs from (x0, y0) up to (x1, y1); clip it to |y| <= half, the end of the face.
     x0, y0 = x - half * (cos - sin), y - half * (sin + cos)
     x1, y1 = x - half * (cos + sin), y - half * (sin - cos)
     slope = (x1 - x0) / (y1 - y0)
-    x0, y0 = (x0 + slope * (-half - y0) if y0 < -half else x0), max(y0, -half)
-    x1, y1 = (x1 + slope * (half - y1) if y1 > half else x1), min(y1, half)
+    x0, y0 = (x0 + slope * (-end - y0) if y0 < -end else x0), max(y0, -end)
+    x1, y1 = (x1 + slope * (end - y1) if y1 > end else x1), min(y1, end)
     gap0, gap1 = x0 - half, x1 - half
 
     # Seen from b, the lower end is a's upper one.
@@ -78,8 +81,7 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     count = 1.0 if far0 | far1 else 2.0
     apart = (max(on_a, on_b) > margin) | (y1 - y0 < BLUNT * width) | (far0 & far1)
     count = 0.0 if apart else count
-    passing = (max(on_a, on_b) <= margin) & (y1 - y0 < BLUNT * width)
-    miss = BLUNT * width - (y1 - y0) if passing else 0.0
+    miss = BLUNT * width - (y1 - y0) if max(on_a, on_b) <= margin else 0.0
     y0, gap0, id0 = (y1 if far0 else y0), (gap1 if far0 else gap0), (id1 if far0 else id0)
     gap1 = gap0 if far1 else gap1
     depth = half + 0.5 * min(gap0, gap1)  # midway between the face and the point that bears
@@ -189,23 +191,25 @@ def corner_arm(q: int, half: float, c: float, s: float) -> Any:
 
 
 @lane
-def corner_gap(k: Numbers, code: int, x: float, y: float, c: float, s: float) -> float:
-    """Gap of a tile's corner to a side of the wall, both told by a code (m).
+def wall_square(k: Numbers, code: int, x: float, y: float) -> Any:
+    """From a place to the centre of a square behind a side of a rectangle, right across (m).
 
-    The corner is code / 2, and the side of a rectangle code % 2; a circle has but one, side 0.
+    The side is a face of that square, E, N, W or S by its code: that of the west wall looks east.
     """
-    rx, ry = corner_arm(code // 2, 0.5 * k.width, c, s)
-    gap, _, _ = wall_gap(k, code % 2, x + rx, y + ry)
-    return math.inf if (k.wall == CIRCLE) & (code % 2 == 1) else gap
+    half = 0.5 * k.width
+    along, across = k.wall_x + half, k.wall_y + half
+    dx = -along - x if code == 0 else along - x
+    dy = -across - y if code == 1 else across - y
+    return (dx if code % 2 == 0 else 0.0), (dy if code % 2 == 1 else 0.0)
 
 
 @lane
-def wall_gap(k: Numbers, side: int, px: float, py: float) -> Any:
-    """Gap of a point to the wall, and the normal outwards."""
-    gap, nx, ny = circle_corner(px, py, k.wall_x)
-    east, north = 1.0 if px > 0.0 else -1.0, 1.0 if py > 0.0 else -1.0
-    round_wall = k.wall == CIRCLE
-    gap = gap if round_wall else (k.wall_x - abs(px) if side == 0 else k.wall_y - abs(py))
-    nx = nx if round_wall else (east if side == 0 else 0.0)
-    ny = ny if round_wall else (0.0 if side == 0 else north)
-    return gap, nx, ny
+def gap_to_wall(k: Numbers, code: int, x: float, y: float, c: float, s: float) -> float:
+    """Gap of a tile to the wall (m): of one of its four corners to a round one; of its nearest to
+    one of the four sides of a rectangle, see `wall_square`."""
+    half = 0.5 * k.width
+    rx, ry = corner_arm(code, half, c, s)
+    gap, _, _ = circle_corner(x + rx, y + ry, k.wall_x)
+    dx, dy = wall_square(k, code, x, y)
+    flat = abs(dx) + abs(dy) - half * (1.0 + abs(c) + abs(s))
+    return float(gap if k.wall == CIRCLE else flat)

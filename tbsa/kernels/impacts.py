@@ -30,7 +30,15 @@ from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import NEVER, RESTS, SPARE, SWEPT, place_block, weigh_block
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
-from tbsa.kernels.geometry import BLUNT, CIRCLE, corner_arm, cos_sin, square_square, wall_gap
+from tbsa.kernels.geometry import (
+    BLUNT,
+    CIRCLE,
+    circle_corner,
+    corner_arm,
+    cos_sin,
+    square_square,
+    wall_square,
+)
 from tbsa.kernels.jit import ZERO, U, apart, inline, lane
 from tbsa.kernels.queue import Queue, empty_queue, put, take
 from tbsa.kernels.routh import routh
@@ -49,7 +57,6 @@ from tbsa.kernels.rows import (
     GAP0,
     GAP1,
     HIT,
-    ID1,
     K00,
     K11,
     LANES,
@@ -72,6 +79,7 @@ from tbsa.kernels.rows import (
     E,
     Rows,
     root,
+    wall_code,
 )
 from tbsa.kernels.sweeps import lane_of, solve_row
 
@@ -364,7 +372,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
     a, b = U(body[t]), U(body[t + LANES])
     vx, vy, w, half = v.vx, v.vy, v.w, 0.5 * k.width
-    wall, corner = b == U(k.n), int(r[i + ID1])
+    wall, code = b == U(k.n), wall_code(r, i)
     ux, uy = vx[b] - vx[a], vy[b] - vy[a]
     radius = math.sqrt(2.0) * half
     fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
@@ -374,7 +382,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
     time, surmised = max(begin, max(z.since[a], z.since[b])), r[i + HIT] < 0.0
     stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
-    ca, sa, cb, sb = c[a], s[a], c[b], s[b]
+    ca, sa = c[a], s[a]
+    cb, sb = (1.0, 0.0) if wall else (c[b], s[b])
     for _ in range(SEARCH):
         part = time / h - 0.5
         if time * w[a] != 0.0:
@@ -382,19 +391,17 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
         # As near as the places themselves are known.
         least = max(1e-12 * k.h * fastest, ROUNDING * (abs(xa) + abs(ya) + k.width))
-        if wall:
-            rx, ry = corner_arm(corner // 2, half, ca, sa)
-            gap, nx, ny = wall_gap(k, corner % 2, xa + rx, ya + ry)
+        if wall and k.wall == CIRCLE:
+            rx, ry = corner_arm(code, half, ca, sa)
+            gap, nx, ny = circle_corner(xa + rx, ya + ry, k.wall_x)
             an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
             vn = -nx * vx[a] - ny * vy[a] - an * w[a]
             if gap <= least and vn < stopped:
                 if fast(k, vn, nx * gx + ny * gy - an * ga, part):
                     return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
                 how = SLOW
-            round_wall = k.wall == CIRCLE
-            bend = 2.0 * fastest * fastest / k.wall_x if round_wall else 0.0
-            step = safe(gap, vn, w[a] * w[a] * radius + bend)
-            step = min(step, 0.25 * k.wall_x / fastest) if round_wall else step
+            step = safe(gap, vn, w[a] * w[a] * radius + 2.0 * fastest * fastest / k.wall_x)
+            step = min(step, 0.25 * k.wall_x / fastest)
             time += max(step, SOON * k.h) if gap <= least else step
             if time > k.h:
                 break
@@ -402,8 +409,10 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         if time * w[b] != 0.0:
             cb, sb = cos_sin(angle[b] + time * w[b])
         dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
+        if wall:
+            dx, dy = wall_square(k, code, xa, ya)
         count, nx, ny, _, gap0, an0, bn0, _, gap1, an1, bn1, at, bt, _, of_a = square_square(
-            dx, dy, ca, sa, cb, sb, k.width, k.width)
+            dx, dy, ca, sa, cb, sb, k.width, k.width, wall)
         along = nx * ux + ny * uy
         vn0, vn1 = along + bn0 * w[b] - an0 * w[a], along + bn1 * w[b] - an1 * w[a]
         # What is found by another formula below has other rounding.
@@ -439,10 +448,10 @@ def fly_on(r: np.ndarray, i: int, h: float) -> None:
     """The row in lane i, that would hit if its tiles went straight, does not within h, as they
     turn: nothing is to slow it down before it does."""
     hit = r[i + HIT]
-    if hit == 1.0 or hit == 3.0:
+    if hit == 1.0 or hit == 3.0 or hit == -2.0:
         r[i + WANT0] = max(r[i + WANT0], -r[i + VN0])
         r[i + BEND0] = max(r[i + BEND0], -(r[i + GAP0] / h + r[i + VN0]) / h)
-    if hit >= 2.0:
+    if hit >= 2.0 or hit == -2.0:
         r[i + WANT1] = max(r[i + WANT1], -r[i + VN1])
         r[i + BEND1] = max(r[i + BEND1], -(r[i + GAP1] / h + r[i + VN1]) / h)
     r[i + HIT] = 0.0
@@ -604,11 +613,17 @@ def propped(rows: Rows, mobile: np.ndarray, tile: int) -> bool:
 @lane
 def may_close(gap: float, nearest: float, touch: float, left: float, width: float) -> float:
     """How fast a point may approach within an impact (m/s): not at all if it is as near as the
-    nearest of a row that hits, or touches exactly; by its gap in what is left of the substep if it
-    touches as well as a solve leaves it; else the impact is over before it comes."""
+    nearest of its row that hits, or touches exactly; by its gap in what is left of the substep if
+    it touches as well as a solve leaves it; else the impact is over before it comes."""
     if gap <= nearest + 2.0 * NOWHERE * width:
         return 0.0
     return gap / left if gap <= touch else NEVER
+
+
+@lane
+def gap_in(r: np.ndarray, gap: int, time: float) -> float:
+    """A gap, in this place of the fields, after a time (s), as the row's tiles go (m)."""
+    return float(r[gap] + time * (r[gap + VN0 - GAP0] + time * r[gap + BEND0 - GAP0]))
 
 
 @inline
@@ -651,9 +666,12 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     if moved:
         place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
     if r[at + COUNT] != 0.0:
-        gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
+        ahead = 0.0 if moved else time  # of what stays where it is
+        gap0, gap1 = gap_in(r, at + GAP0, ahead), gap_in(r, at + GAP1, ahead)
+        gap1 = gap1 if r[at + COUNT] == 2.0 else math.inf
         left = max(k.h - time, SAME * k.h) if moved else k.h
-        nearest = max(min(gap0, gap1), 0.0) if hit > 0.0 else 0.0
+        first = gap1 if hit == 2.0 else (gap0 if hit == 1.0 else min(gap0, gap1))
+        nearest = max(first, 0.0) if hit > 0.0 else 0.0
         touch = touching(r, at, k.width)
         r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
         r[at + WANT1] = may_close(gap1, nearest, touch, left, k.width)
@@ -694,9 +712,9 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                     if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
                         continue
                     if known[other] == 0:
-                        gap = r[i + GAP0] + z.when[tile] * r[i + VN0]
+                        gap = gap_in(r, i + GAP0, z.time[q])
                         if r[i + COUNT] == 2.0:
-                            gap = min(gap, r[i + GAP1] + z.when[tile] * r[i + VN1])
+                            gap = min(gap, gap_in(r, i + GAP1, z.time[q]))
                         if gap > touching(r, i, k.width):
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
@@ -822,17 +840,16 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     draw(rows, k, loads, v, z, c, s, body[t])
     draw(rows, k, loads, v, z, c, s, body[t + LANES])
     how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, c, s, loads.h, 0.0)
-    if how == LATER:
-        fly_on(rows.field, lane_of(row), k.h)
-    elif how == SLOW:
-        # The solve stops what comes as slowly all the way; what has been turning on its way there
-        # goes on as it does.
-        r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
-        if r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow):
-            fly_on(r, i, k.h)
-        r[i + HIT] = 0.0
-    else:
+    if how < LATER:
         put(z.queue, row, meet[0])
+        return how, meet
+    # The solve stops what comes slowly all the way, to meet or to pass by; what has been turning on
+    # its way to a slow meeting goes on as it does.
+    r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
+    comes = r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow)
+    if comes or (how == LATER and r[i + HIT] != -2.0):
+        fly_on(r, i, k.h)
+    r[i + HIT] = 0.0
     return how, meet
 
 

@@ -12,7 +12,14 @@ from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import GRAZED, RESTS
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
-from tbsa.kernels.geometry import corner_arm, cos_sin, square_square, wall_gap
+from tbsa.kernels.geometry import (
+    CIRCLE,
+    circle_corner,
+    corner_arm,
+    cos_sin,
+    square_square,
+    wall_square,
+)
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.manifold import two_points
 from tbsa.kernels.rows import (
@@ -39,7 +46,6 @@ from tbsa.kernels.rows import (
     HIT,
     I00,
     I11,
-    ID1,
     IDET,
     IDLE,
     K00,
@@ -57,6 +63,7 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    wall_code,
 )
 from tbsa.kernels.sweeps import lane_of, queue
 
@@ -88,14 +95,19 @@ def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarr
     a, b = U(body[t]), U(body[t + LANES])
     ca, sa = cos_sin(angle[a] + rest * v.w[a])
     xa, ya = x[a] + rest * v.vx[a], y[a] + rest * v.vy[a]
-    if b == U(k.n):
-        corner = int(r[lane_of(q) + ID1])
-        rx, ry = corner_arm(corner // 2, half, ca, sa)
-        gap, _, _ = wall_gap(k, corner % 2, xa + rx, ya + ry)
+    wall, code = b == U(k.n), wall_code(r, lane_of(q))
+    if wall and k.wall == CIRCLE:
+        rx, ry = corner_arm(code, half, ca, sa)
+        gap, _, _ = circle_corner(xa + rx, ya + ry, k.wall_x)
         return bool(gap >= -left)
-    cb, sb = cos_sin(angle[b] + rest * v.w[b])
+    cb, sb, dx, dy = 1.0, 0.0, 0.0, 0.0
+    if wall:
+        dx, dy = wall_square(k, code, xa, ya)
+    else:
+        cb, sb = cos_sin(angle[b] + rest * v.w[b])
+        dx, dy = x[b] + rest * v.vx[b] - xa, y[b] + rest * v.vy[b] - ya
     count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _, _ = square_square(
-        x[b] + rest * v.vx[b] - xa, y[b] + rest * v.vy[b] - ya, ca, sa, cb, sb, k.width, 0.0)
+        dx, dy, ca, sa, cb, sb, k.width, 0.0, wall)
     return bool(count == 0.0 or min(gap0, gap1) >= -left)
 
 

@@ -37,7 +37,7 @@ from tbsa.kernels.crew import (
     give,
     share,
 )
-from tbsa.kernels.geometry import BLUNT, corner_gap, cos_sin, off_wall, pair_gap
+from tbsa.kernels.geometry import BLUNT, cos_sin, gap_to_wall, off_wall, pair_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
@@ -68,7 +68,8 @@ FIELDS = (
     "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
     "i00", "i11", "itt", "idet",   # kg, kg^2
     "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching
-    "hit",                         # 1, 2: the point that hits in this substep; 3: both; -1: perhaps
+    "hit",                         # 1, 2: the point that hits in this substep; 3: both;
+                                   # -1: perhaps; -2: unless it leaves the face before
     "mu", "e",                     # friction, restitution
     "ax", "ay", "aw",              # scratch: of body a, and b (velocities)
     "bx", "by", "bw",
@@ -86,8 +87,8 @@ IDLE = -1
 # the solve.
 FAR = 0.02
 # The far pairs, whose blocks may share tiles; colours of near pairs, and of walls, of which a tile
-# has eight rows at most; then the rows that are alone.
-FAR_ROWS, NEAR_ROWS, NEAR_COLOURS, WALL_COLOURS = 0, 1, 16, 8
+# has four rows at most; then the rows that are alone.
+FAR_ROWS, NEAR_ROWS, NEAR_COLOURS, WALL_COLOURS = 0, 1, 16, 4
 WALLS = NEAR_ROWS + NEAR_COLOURS
 NEAR_BITS = 2**NEAR_COLOURS - 1
 # The first of eight bits that is not set; 8 where all are.  There are two times eight colours.
@@ -108,7 +109,7 @@ class Rows(NamedTuple):
 
     a: np.ndarray  # int64, the rows in the order found
     b: np.ndarray  # int64, n for the wall
-    corner: np.ndarray  # int64, of a at the wall, twice, and the side of a rectangle; 1: far pair
+    corner: np.ndarray  # int64, of a at a round wall, or the side of a rectangle; 1: far pair
     slot: np.ndarray  # int64, where its lane begins in `field`
     field: np.ndarray  # float64[blocks * BLOCK]
     body: np.ndarray  # int64[blocks * BODIES]
@@ -141,7 +142,7 @@ class Impulses(NamedTuple):
 
     size: np.ndarray  # int64[1]
     a: np.ndarray  # int64
-    b: np.ndarray  # int64
+    b: np.ndarray  # int64, n to n + 3 for the wall, by `wall_code`
     id0: np.ndarray  # int64
     id1: np.ndarray  # int64, -1 for a manifold of one point
     pn0: np.ndarray
@@ -245,8 +246,8 @@ def rows_from(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
             m += 1 if gap <= far_a + far[b] else 0
         if k.wall == 0 or mobile[a] == 0.0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way_a):
             continue
-        for code in range(8):
-            gap = corner_gap(k, code, x[a], y[a], c[a], s[a])
+        for code in range(4):
+            gap = gap_to_wall(k, code, x[a], y[a], c[a], s[a])
             if gap > far_a:
                 continue
             if m == end:
@@ -298,8 +299,8 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
             found += 1
         if k.wall == 0 or off_wall(k, x[a], y[a], 0.5 * diagonal + way[a]):
             continue
-        for code in range(8):
-            gap = corner_gap(k, code, x[a], y[a], c[a], s[a])
+        for code in range(4):
+            gap = gap_to_wall(k, code, x[a], y[a], c[a], s[a])
             if gap > far[a] or has_row(rows, a, n, n, code):
                 continue
             if found == most:
@@ -329,7 +330,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
         empty_block(rows, block + j, n, BLOCK)
         fill_lane(rows, U(slot[to]), (block + j) * int(BODIES), a, b, k, mobile)
         if b == n:
-            field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = code, code
+            field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = 2.0 * code, -1.0
         j -= 1
     index_rows(rows, m + found, n, mobile)
     find_islands(rows, m + found, n, mobile)
@@ -356,15 +357,22 @@ def insert(rows: Rows, found: int, a: int, b: int, code: int) -> None:
 
 @inline
 def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
-    """Whether there is a row of a mobile tile a and b, at this corner if b is the wall."""
+    """Whether there is a row of a mobile tile a and b, with this code if b is the wall."""
     body, of = rows.body, rows.of
     for p in range(rows.start[a], rows.start[a + 1]):
         t = U(of[p] // WIDE) * BODIES + U(of[p] % WIDE)
         if (((body[t] == a and body[t + LANES] == b) or (body[t] == b and body[t + LANES] == a))
-                and (b < n or rows.field[U(of[p] // WIDE) * BLOCK + U(of[p] % WIDE) + ID1]
+                and (b < n or wall_code(rows.field, U(of[p] // WIDE) * BLOCK + U(of[p] % WIDE))
                      == code)):
             return True
     return False
+
+
+@lane
+def wall_code(r: np.ndarray, i: int) -> int:
+    """Which corner or side (see `gap_to_wall`) the row of a wall in lane i is of: a part of all the
+    ids that its points have."""
+    return int(r[i + ID0]) // 2 % 4
 
 
 @inline
@@ -533,9 +541,16 @@ def recall_all(rows: Rows, m: int, n: int, old: Impulses, crew: Crew) -> None:
 
 
 @lane
+def other_of(rows: Rows, i: int, n: int) -> int:
+    """What row i has besides its first tile, as `Impulses` names it."""
+    b = rows.b[i]
+    return int(b + rows.corner[i] if b == n else b)
+
+
+@lane
 def recall(rows: Rows, n: int, old: Impulses, begin: int, end: int) -> None:
     """The same for these rows."""
-    ra, rb, corner, slot, r = rows.a, rows.b, rows.corner, rows.slot, rows.field
+    ra, corner, slot, r = rows.a, rows.corner, rows.slot, rows.field
     oa, ob, oid0, oid1 = old.a, old.b, old.id0, old.id1
     opn0, opn1, opt = old.pn0, old.pn1, old.pt
     size = old.size[0]
@@ -547,21 +562,19 @@ def recall(rows: Rows, n: int, old: Impulses, begin: int, end: int) -> None:
         else:
             high = middle
     for i in range(begin, end):
-        a, b, k, wall = ra[i], rb[i], U(slot[i]), rb[i] == n
-        if wall:  # its one id is fixed, and known to `place_rows`
-            r[k + ID0], r[k + ID1] = float(corner[i]), float(corner[i])
-        while j < size and (oa[j] < a or (oa[j] == a and (
-                ob[j] < b or (wall and ob[j] == b and oid0[j] < corner[i])))):
+        a, b, k = ra[i], other_of(rows, i, n), U(slot[i])
+        if b >= n:
+            r[k + ID0], r[k + ID1] = 2.0 * corner[i], -1.0
+        while j < size and (oa[j] < a or (oa[j] == a and ob[j] < b)):
             j += 1  # such a row is no longer there
         if j == size:
             continue
-        known = (oa[j] == a) & (ob[j] == b) & ((not wall) | (oid0[j] == corner[i]))
-        pair = known & (not wall)
+        known = (oa[j] == a) & (ob[j] == b)
         r[k + PN0] = opn0[j] if known else r[k + PN0]
         r[k + PN1] = opn1[j] if known else r[k + PN1]
         r[k + PT] = opt[j] if known else r[k + PT]
-        r[k + ID0] = float(oid0[j]) if pair else r[k + ID0]
-        r[k + ID1] = float(oid1[j]) if pair else r[k + ID1]
+        r[k + ID0] = float(oid0[j]) if known else r[k + ID0]
+        r[k + ID1] = float(oid1[j]) if known else r[k + ID1]
         j += 1 if known else 0
 
 
@@ -584,14 +597,14 @@ def remember_all(rows: Rows, m: int, n: int, store: Impulses, crew: Crew) -> Non
 @lane
 def remember(rows: Rows, n: int, store: Impulses, begin: int, end: int) -> int:
     """The same for these rows, from place `begin` of the store on; returns how many do."""
-    ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
+    ra, slot, r = rows.a, rows.slot, rows.field
     sa, sb, sid0, sid1 = store.a, store.b, store.id0, store.id1
     spn0, spn1, spt = store.pn0, store.pn1, store.pt
     j = begin
     for i in range(begin, end):
         k = U(slot[i])
-        sa[j], sb[j], sid0[j] = ra[i], rb[i], int(r[k + ID0])
-        sid1[j] = -1 if rb[i] == n else int(r[k + ID1])
+        sa[j], sb[j] = ra[i], other_of(rows, i, n)
+        sid0[j], sid1[j] = int(r[k + ID0]), int(r[k + ID1])
         spn0[j], spn1[j], spt[j] = r[k + PN0], r[k + PN1], r[k + PT]
         j += 1 if (r[k + PN0] != 0.0) | (r[k + PN1] != 0.0) else 0
     return j - begin
@@ -600,15 +613,14 @@ def remember(rows: Rows, n: int, store: Impulses, begin: int, end: int) -> int:
 @lane
 def about_the_same(rows: Rows, m: int, n: int, store: Impulses) -> bool:
     """Whether `remember` would store what is in the store, but for rounding."""
-    ra, rb, slot, r = rows.a, rows.b, rows.slot, rows.field
+    slot, r = rows.slot, rows.field
     j, size = ZERO, store.size[0]
     for i in range(m):
         k = U(slot[i])
         if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:
             continue
-        if not (j < size and store.a[j] == ra[i] and store.b[j] == rb[i]
-                and store.id0[j] == int(r[k + ID0])
-                and store.id1[j] == (-1 if rb[i] == n else int(r[k + ID1]))):
+        if not (j < size and store.a[j] == rows.a[i] and store.b[j] == other_of(rows, i, n)
+                and store.id0[j] == int(r[k + ID0]) and store.id1[j] == int(r[k + ID1])):
             return False
         least = ROUNDING * (store.pn0[j] + store.pn1[j])
         if (abs(store.pn0[j] - r[k + PN0]) > least or abs(store.pn1[j] - r[k + PN1]) > least

@@ -436,7 +436,7 @@ class Simulation:
         store = self.state.impulses
         k = slice(0, int(store.size[0]))
         return {
-            "a": store.a[k].copy(), "b": store.b[k].copy(),
+            "a": store.a[k].copy(), "b": np.minimum(store.b[k], self.numbers.n),
             "points": np.where(store.id1[k] < 0, 1, 2),
             "normal0": store.pn0[k] / self.numbers.h,
             "normal1": store.pn1[k] / self.numbers.h,
