@@ -185,7 +185,7 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float, wal
         swept |= (miss > 0.0) & (miss < way)
         # A corner that comes to the end of a face may have left it when the gap would close.
         leaves = (count > 0.5) & (miss > -way) & (min(gap0, gap1) < way)
-        r[o + HIT + i] = 2.0 if leaves else (1.0 if swept else 0.0)
+        r[o + HIT + i] = 1.0 if swept else (2.0 if leaves else 0.0)
         count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
         id1 = -1.0 if count < 1.5 else id1
         was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]

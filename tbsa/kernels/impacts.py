@@ -840,14 +840,15 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     draw(rows, k, loads, v, z, c, s, body[t])
     draw(rows, k, loads, v, z, c, s, body[t + LANES])
     how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, c, s, loads.h, 0.0)
-    if how < LATER:
+    r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
+    leaves = r[i + HIT] == -2.0
+    if how < LATER and not leaves:
         put(z.queue, row, meet[0])
         return how, meet
-    # The solve stops what comes slowly all the way, to meet or to pass by; what has been turning on
-    # its way to a slow meeting goes on as it does.
-    r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
+    # The solve stops what comes slowly all the way; what has been turning on its way there goes on
+    # as it does, and so does what only would have come, if it had not left the face.
     comes = r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow)
-    if comes or (how == LATER and r[i + HIT] != -2.0):
+    if (comes and how == LATER) if leaves else (comes or how == LATER):
         fly_on(r, i, k.h)
     r[i + HIT] = 0.0
     return how, meet
