@@ -219,6 +219,28 @@ def test_a_rocking_square_keeps_a_quarter_of_its_spin_at_each_impact(ground, mu,
     assert old.imag > 0.2 * abs(spin) * WIDTH
 
 
+@pytest.mark.parametrize("e", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("where", ["free", "on a floor", "pressed to a wall"])
+def test_an_impact_goes_through_a_row_at_the_papers_tolerance(where, e):
+    """Its last tiles go as at a tolerance that is two thousand times less, to a twentieth of the
+    speed of the first."""
+    wall = where == "pressed to a wall"
+    parts = {"body": Material(friction=0.25, restitution=e, linear_damping=0.0,
+                              angular_damping=0.0)}
+    if wall:
+        parts |= {"reactor": Reactor("rectangle", width=0.4, height=0.4, friction=0.1),
+                  "drive": Drive("constant", (0.0, -0.05))}
+    elif where == "on a floor":
+        parts["floor"] = Floor()
+    y, found = (0.5 * WIDTH - 0.2 if wall else 0.0), []
+    for solver in (RECOMMENDED, {**RECOMMENDED, "tolerance": 1e-5, "passes": 2000}):
+        s = simulate([tile(i * WIDTH, y) for i in range(3)] + [tile(-1.6 * WIDTH, y, vx=0.4)],
+                     **parts, **solver)
+        s.run(0.1)
+        found.append(state(s)[3])
+    assert found[0] == pytest.approx(found[1], abs=0.02)
+
+
 @pytest.mark.parametrize("steps", [1, 10])
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_a_square_that_rocks_under_a_load_loses_what_housner_says(ground, steps):

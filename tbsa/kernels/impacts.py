@@ -99,9 +99,9 @@ SOON = 2.0 / SEARCH
 SAME = 1e-3
 # Tiles that come no further than this fraction of the width until they hit are left where they are.
 NOWHERE = 1e-5
-# A solve of impacts leaves up to so many tolerances; among what hits, this part of the fastest
-# approach.
-ROUGH, FINE = 10.0, 1e-4
+# A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
+# no more than so many; among what hits, this one.
+SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 OFTEN = 60
 
@@ -682,16 +682,16 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
 @inline
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
            angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float, size: int,
-           fine: float) -> None:
+           fine: float, rough: float) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
     Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
-    order of the rows, would turn tiles that hit a wall flat; beyond, ROUGH tolerances are closed by
-    the contact solve that follows.
+    order of the rows, would turn tiles that hit a wall flat; beyond, by more than `rough`, and the
+    contact solve that follows closes that, without restitution.
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known = v.mobile, z.known
-    now, then, rough = rows.now, rows.then, ROUGH * k.tolerance
+    now, then = rows.now, rows.then
     for _ in range(k.passes):
         m = 0
         for j in range(size):
@@ -933,10 +933,11 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         fastest = max(fastest, -r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
         enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads, begun)
         z.known[rows.now[j]] = 2
-    fine = min(ROUGH * k.tolerance, FINE * fastest)
+    rough = min(ROUGH * k.tolerance, max(k.tolerance, SPREAD * fastest))
+    fine = min(rough, FINE * fastest)
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine)
+    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine, rough)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -968,7 +969,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine)
+        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine, rough)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
@@ -1012,7 +1013,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             at = lane_of(q)
             if z.in_it[other] != 2 and (every or r[at + GAP0] < far or r[at + COUNT] != 0.0
                                         or r[at + HIT] != 0.0):
-                look_again(rows, q, k, k.threshold + ROUGH * k.tolerance, loads, v, z, x, y, angle,
+                look_again(rows, q, k, k.threshold + rough, loads, v, z, x, y, angle,
                            c, s)
         z.in_it[i] = 2  # its rows are done
     for j in range(z.size[1]):
