@@ -238,19 +238,25 @@ def test_wall_rows_are_the_corners_near_the_wall(direction, angle, depth, circle
     rows = contact_rows(Simulation(scene([tile()], reactor=reactor), layout))
     assert (rows["a"] == 0).all()
     assert (rows["b"] == 1).all()  # the ground
-    found = []
-    for i, count in enumerate(rows["count"]):
-        n = complex(rows["nx"][i], rows["ny"][i])
-        found += [(n, rows[f"gap{q}"][i], rows[f"an{q}"][i]) for q in range(int(count))]
-        nearest, arm = min((gap, dot(arm, n)) for _, gap, other, arm in expected
-                           if abs(other - n) < 1e-9)
-        if circle:  # a row for each corner
-            assert count == 1
+    if circle:  # a row for each corner
+        assert list(rows["id0"]) == [name for name, *_ in expected]
+        assert (rows["count"] == 1).all()
+        for i, (_, gap, n, arm) in enumerate(expected):
+            assert rows["gap0"][i] == pytest.approx(gap, abs=TINY)
+            assert complex(rows["nx"][i], rows["ny"][i]) == pytest.approx(n, abs=1e-12)
+            assert rows["an0"][i] == pytest.approx(cross(arm, n), abs=TINY)
+            assert rows["at"][i] == pytest.approx(dot(arm, n), abs=TINY)
             assert rows["bn0"][i] == rows["bt"][i] == 0.0
-        else:  # ... for each side; friction acts midway between the wall and the nearest corner
-            arm += 0.5 * nearest
-        assert rows["at"][i] == pytest.approx(arm, abs=TINY)
-    assert len(found) == len(expected)
-    for _, gap, n, arm in expected:
-        assert any(abs(other - n) < 1e-12 and abs(g - gap) < TINY
-                   and abs(an - cross(arm, n)) < TINY for other, g, an in found)
+        return
+    # A row for each side, in the order of the directions that they look in: W, S, E, N.
+    sides = [n for n in (-1, -1j, 1, 1j) if any(other == n for _, _, other, _ in expected)]
+    assert [complex(*n) for n in zip(rows["nx"], rows["ny"], strict=True)] == sides
+    for i, side in enumerate(sides):
+        points = sorted((cross(arm, n), gap, dot(arm, n)) for _, gap, n, arm in expected
+                        if n == side)
+        assert rows["count"][i] == len(points)
+        found = sorted((rows[f"an{q}"][i], rows[f"gap{q}"][i]) for q in range(len(points)))
+        assert np.array(found) == pytest.approx(np.array([p[:2] for p in points]), abs=TINY)
+        # Friction acts midway between the wall and the nearest corner.
+        _, gap, arm = min(points, key=lambda point: point[1])
+        assert rows["at"][i] == pytest.approx(arm + 0.5 * gap, abs=TINY)

@@ -88,14 +88,13 @@ def smooth():
     wall = Reactor("circle", 0.237, friction=0.0, restitution=0.2)
     scene = stress.crowd(36, 0.237, drive=Drive("unicycle", 0.082, 0.00493, 1.0),
                          floor=Floor("exact"), material=Material(friction=0.0), wall=wall)
-    deepest, fastest = [], []
+    deepest = []
     for seed in range(9211, 9219):
         s = Simulation(replace(scene, solver=Solver(1 / 120, 12, 2e-2), run=Run(10.0, seed),
                                record=Record(1.0, 1.0)))
         s.run(30.0)
-        fastest.append(np.abs(s.omega).max())
+        assert np.abs(s.omega).max() > 100
         deepest.append(s.counts.deepest[0] / s.scene.material.width)
-    assert np.median(fastest) > 100  # rad/s, at the end
     return deepest
 
 

@@ -713,7 +713,7 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
     few = not first and further <= n // FEW_TILES
     rest = left * (k.h / TICKS)
     if few:
-        set_all(work.turned, math.nan)
+        set_all(work.turned, math.nan)  # `add_rows` takes cosines of what it looks at
         assume(k, rest, False, x, y, angle, work, ZERO, n)
     else:
         crew.numbers[5] = rest
@@ -813,7 +813,7 @@ def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work:
     rows, v, x, y, c, s = work.rows, work.bodies, state.x, state.y, work.c, work.s
     ka, points = with_substep(k, ahead), 0
     set_all(work.scratch.since, 0.0)
-    set_all(work.turned, math.nan)
+    set_all(work.turned, math.nan)  # impacts move tiles, and take cosines there
     for _ in range(THROWN):
         points += impacts(rows, ka, loads, v, work.scratch, x, y, state.angle, c, s)
         blocks = rows.first[COLOURS]

@@ -845,10 +845,11 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     if how < LATER and not leaves:
         put(z.queue, row, meet[0])
         return how, meet
-    # The solve stops what comes slowly all the way; what has been turning on its way there goes on
-    # as it does, and so does what only would have come, if it had not left the face.
-    comes = r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow)
-    if (comes and how == LATER) if leaves else (comes or how == LATER):
+    # The solve stops what comes slowly all the way, and what has not left the face before; what has
+    # been turning on its way to a slow meeting goes on as it does.
+    comes, passes = (r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow),
+                     how == LATER)
+    if (comes and passes) or (not leaves and (comes or passes)):
         fly_on(r, i, k.h)
     r[i + HIT] = 0.0
     return how, meet

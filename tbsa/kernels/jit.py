@@ -342,7 +342,7 @@ def inline(function: Callable[..., Any], compiler: type[_PartCompiler] = _PartCo
 def lane(function: Callable[..., Any]) -> Any:
     """Jit a helper that is always part of its caller: scalar code of a loop over lanes, so that the
     loop can become vector code; loops that threads share; and what a single impact goes through, as
-    a call that hands on some sixty arrays takes 30 to 90 ns."""
+    a call that hands on dozens of arrays takes 30 to 90 ns."""
     return inline(function, _LaneCompiler)
 
 

@@ -100,12 +100,10 @@ def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarr
         rx, ry = corner_arm(code, half, ca, sa)
         gap, _, _ = circle_corner(xa + rx, ya + ry, k.wall_x)
         return bool(gap >= -left)
-    cb, sb, dx, dy = 1.0, 0.0, 0.0, 0.0
+    cb, sb = cos_sin(angle[b] + rest * v.w[b])  # the ground's angle is 0
+    dx, dy = x[b] + rest * v.vx[b] - xa, y[b] + rest * v.vy[b] - ya
     if wall:
         dx, dy = wall_square(k, code, xa, ya)
-    else:
-        cb, sb = cos_sin(angle[b] + rest * v.w[b])
-        dx, dy = x[b] + rest * v.vx[b] - xa, y[b] + rest * v.vy[b] - ya
     count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _, _ = square_square(
         dx, dy, ca, sa, cb, sb, k.width, 0.0, wall)
     return bool(count == 0.0 or min(gap0, gap1) >= -left)
