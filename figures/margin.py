@@ -81,13 +81,14 @@ def loads(scene: Scene, tiles: Tiles, family: np.ndarray, heading: np.ndarray,
                           field="drive.kind", value=drive and drive.kind)
 
 
-def margins(folder: str | Path, records: int = RECORDS) -> pd.DataFrame:
-    """Margins along a run: columns time, size, tiles, no_torque, body, net."""
+def margins(folder: str | Path, records: int | None = None) -> pd.DataFrame:
+    """Margins along a run, at so many records (`RECORDS`): columns time, size, tiles, no_torque,
+    body, net."""
     run = tbsa.read_run(folder)
     scene = run.scene
     truth, held = ground_truth(scene), numbers(scene)
     rows = []
-    for k in np.unique(np.linspace(0, len(run.time) - 1, records).astype(int)):
+    for k in np.unique(np.linspace(0, len(run.time) - 1, records or RECORDS).astype(int)):
         tiles, family, heading = attached(run, int(k), truth)
         if tiles.held.all():
             continue
