@@ -32,9 +32,11 @@ from scenes import (
 )
 from twins import separations
 
+from tbsa.model.layout import initial_layout
 from tbsa.model.records import load_checkpoint, save_checkpoint
-from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, TileType
-from tbsa.model.simulation import SimulationError
+from tbsa.model.scene import Drive, Floor, Magnet, Material, Reactor, Run, Solver, TileType
+from tbsa.model.simulation import Simulation, SimulationError
+from tests.benchmarks import stress
 from tests.benchmarks.invariants import beyond_wall, deepest
 from theory import impact, rotation
 
@@ -245,7 +247,8 @@ def test_an_impact_goes_through_a_row_at_the_papers_tolerance(where, e):
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_a_square_that_rocks_under_a_load_loses_what_housner_says(ground, steps):
     """It rests on one corner, which bears the load, and lands on the other, whose gap is open yet
-    in the middle of the substep, as are those of a joint below: all of its edge takes part."""
+    in the middle of the substep, as are those of a joint below: all of its edge takes part.  What
+    bears the load from then on has none of it before."""
     held = GROUNDS[ground]
     reactor = None if held else Reactor("rectangle", width=1.0, height=1.0, friction=1.0,
                                         restitution=0.0)
@@ -257,12 +260,15 @@ def test_a_square_that_rocks_under_a_load_loses_what_housner_says(ground, steps)
                  body=material(friction=1.0, restitution=0.0),
                  drive=Drive("constant", (0.0, -load)), step=1 / (480 * steps), substeps=4,
                  tolerance=1e-5 / steps, passes=400)
-    most = 0.0
-    while most < 0.9 * fall or s.omega[-1] > 0.7 * most:
+    most = top = 0.0
+    while most < 0.9 * fall or s.omega[-1] > 0.0:
         s.advance(1)
-        most = max(most, s.omega[-1])
+        most, top = max(most, s.omega[-1]), max(top, s.angle[-1])
     assert most == pytest.approx(fall, rel=0.01)
-    assert s.omega[-1] == pytest.approx(0.25 * fall, rel=0.01)
+    # It goes up to where the load has done the work that its spin was after the landing.
+    kept = MASS * (WIDTH * 0.25 * fall)**2 / 3.0
+    assert 0.5 * load * WIDTH * (math.cos(top) + math.sin(top) - 1.0) == pytest.approx(kept,
+                                                                                       rel=0.01)
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
@@ -408,6 +414,51 @@ def test_a_tile_that_is_thrown_in_an_impact_does_not_turn_into_its_neighbour(spe
 
 
 # As flights end wherever they do in a substep, under loads and in company.
+
+def knocked_off(part):
+    """Leans on a wall, is hit beside its middle, and hits a third one."""
+    return [tile(0, 0.5 * WIDTH - 0.2),
+            tile(-(1.3 + part) * WIDTH, 1.2 * WIDTH - 0.2, vx=1.5),
+            tile(1.06 * WIDTH, 0.56 * WIDTH - 0.2, 0.05)], 0.5, 0.25, 0.058
+
+
+def hit_from_above(part):
+    """One corner falls on a tile that lies on two."""
+    return [*(tile(i * WIDTH, -WIDTH, held=True) for i in (-0.5, 0.5)), tile(0.4 * WIDTH, 0),
+            tile(0.85 * WIDTH, (1.7 + part) * WIDTH, 0.3, 0, -1.5)], 0.5, 0.25, 0.05
+
+
+def slid_into_a_corner(part):
+    """Slides along one side of a rectangle until it hits the other one."""
+    return [tile(0.1 + part * WIDTH, 0.5 * WIDTH - 0.2, vx=0.5)], 0.5, 0.1, 0.25
+
+
+def pushed_in_a_row(part):
+    """Slides along a wall until it hits three that lean there."""
+    y = 0.5 * WIDTH - 0.2
+    return [*(tile(i * WIDTH, y) for i in range(3)),
+            tile(-(2.0 + part) * WIDTH, y, vx=0.5)], 0.2, 0.1, 0.2
+
+
+@pytest.mark.parametrize(("what", "substeps", "most"), [
+    (knocked_off, 4, 4e-3), (knocked_off, 1, 8e-3), (hit_from_above, 1, 2e-3),
+    (slid_into_a_corner, 4, 3e-4), (pushed_in_a_row, 4, 6e-4)])
+def test_what_is_hit_where_it_lies_does_not_depend_on_the_moment_in_a_substep(what, substeps, most):
+    """Velocities (m/s), and places in a tenth of a second's way at them, after hits on what a load
+    presses against a wall, or on what lies on two, against a 16th of the step or less."""
+    for part in np.linspace(0.0, 0.3, 13):
+        tiles, e, mu, time = what(part)
+        found = []
+        for step, tight in ((1 / 480, {"substeps": substeps, "tolerance": 1e-5, "passes": 40}),
+                            (1 / 7680, {"substeps": 4, "tolerance": 1e-9, "passes": 2000})):
+            s = simulate(tiles, reactor=Reactor("rectangle", width=0.4, height=0.4, friction=mu,
+                                                restitution=e),
+                         drive=Drive("constant", (0.0, -0.05)), step=step, **tight,
+                         body=material(friction=mu, restitution=e, restitution_threshold=0.01))
+            s.run(round(480 * time) / 480)
+            found.append(state(s) * np.array([[10.0, 10.0, 10.0 * WIDTH, 1.0, 1.0, WIDTH]]).T)
+        assert np.abs(found[1] - found[0]).max() < most
+
 
 RECOMMENDED = {"step": 1 / 120, "substeps": 12, "tolerance": 2e-2, "passes": 80, "at_rest": 0.025}
 DEFAULT = {"step": 1 / 480, "substeps": 4, "tolerance": 1e-5, "passes": 40}
@@ -1276,6 +1327,45 @@ def test_after_a_step_nothing_is_where_a_hit_to_come_will_throw_it_from():
             early += int(s.state.early[0])
     assert early > 30
     assert max(deep) < 2e-3
+
+
+def shaken_and_rough(seed):
+    """Sixty rough tiles that are thrown about, and moved apart where a solve leaves overlap."""
+    scene = stress.crowd(
+        60, material=Material(friction=0.6, restitution=0.9), magnet=Magnet(5.4e-5, mismatch=0),
+        drive=Drive("shaking", 0.15, 0.0, 1.0), floor=Floor(linear=0.05, angular=0.05),
+        wall=Reactor("circle", 0.2, friction=0.0, restitution=0.2))
+    return replace(scene, run=Run(1.0, seed))
+
+
+def pressed_into_a_corner(seed):
+    """Sixty smooth elastic tiles that a load presses into a corner of a plastic box, at the paper's
+    settings: each bounce there pushes on something that is at the wall."""
+    scene = stress.crowd(
+        60, material=material(friction=0.0, restitution=0.9),
+        drive=Drive("constant", (0.25, 0.15), 0.0), h=1 / 120,
+        wall=Reactor("rectangle", width=0.5, height=0.3, friction=1.0, restitution=0.0))
+    return replace(scene, seed=None, run=Run(1.0, seed),
+                   solver=Solver(1 / 120, 12, 2e-2, 80, 0.025))
+
+
+@pytest.mark.parametrize(("crowd", "most"), [(shaken_and_rough, 3.6e-3),
+                                             (pressed_into_a_corner, 2.5e-3)])
+def test_after_a_step_a_driven_crowd_is_hardly_in_itself_or_in_the_wall(crowd, most):
+    """The deepest that is seen, in the mean of runs; amid substeps it is 0.2 % of the width."""
+    deepest_of = []
+    for seed in range(6):
+        scene = crowd(seed)
+        rng, layout = np.random.default_rng(seed), initial_layout(scene)
+        vx, vy, omega = (~layout.held * rng.normal(0.0, spread, layout.x.size)
+                         for spread in (0.5, 0.5, 10.0))
+        s, deep = Simulation(scene, replace(layout, vx=vx, vy=vy, omega=omega)), 0.0
+        for _ in range(round(0.6 / s.h)):
+            s.advance(1)
+            deep = max(deep, deepest(s.x, s.y, s.angle, WIDTH, ~layout.held),
+                       beyond_wall(scene, s.x, s.y, s.angle))
+        deepest_of.append(deep)
+    assert np.mean(deepest_of) < most
 
 
 def test_what_is_seen_between_steps_does_not_change_what_comes(tmp_path):

@@ -102,6 +102,8 @@ NOWHERE = 1e-5
 # A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
 # no more than so many; among what hits, this one.
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
+# What was pressed comes off if it goes faster than this part of its tile's fastest corner.
+OFF = 0.01
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 OFTEN = 60
 
@@ -210,7 +212,7 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
         j += 1
         for p in range(rows.start[early[j]], rows.start[early[j] + 1]):
             at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-            if r[at + PN0] != 0.0 or r[at + PN1] != 0.0:
+            if r[at + PN0] != 0.0 or r[at + PN1] != 0.0 or r[at + PT] != 0.0:
                 note_before(loads, v, x, y, angle, body[t])
                 note_before(loads, v, x, y, angle, body[t + LANES])
     if loads.gain > 0.0:
@@ -233,8 +235,14 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
 @apart
 def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
     """Take back the notes of what hangs together with one that projection has moved, as that has
-    changed its velocities, too."""
+    changed its velocities, too; where forces act, they are moved along."""
     early, seen, island, moved = loads.early, loads.seen, rows.island, shift.moved
+    if loads.gain > 0.0:
+        for j in range(early[0]):
+            i = early[j + 1]
+            for f, way in enumerate((shift.vx[i], shift.vy[i], shift.w[i])):
+                seen[6 * j + f] += way
+        return
     set_all(moved, ZERO)
     for j in range(1, early[0] + 1):
         i = early[j]
@@ -283,17 +291,35 @@ def share(v: Bodies, z: Scratch, i: int, part: float) -> None:
     v.w[i] += part * z.gainw[i]
 
 
+@lane
+def borne(rows: Rows, v: Bodies, tile: int, slow: float) -> bool:
+    """Whether a point of a tile that was pressed does not come off, faster than `slow` (m/s)."""
+    r, body, vx, vy, w = rows.field, rows.body, v.vx, v.vy, v.w
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+        if r[at + WARM0] + r[at + WARM1] == 0.0:
+            continue
+        a, b = U(body[t]), U(body[t + LANES])
+        along = r[at + NX] * (vx[b] - vx[a]) + r[at + NY] * (vy[b] - vy[a])
+        if ((r[at + WARM0] > 0.0 and along + r[at + BN0] * w[b] - r[at + AN0] * w[a] <= slow) or
+                (r[at + WARM1] > 0.0 and along + r[at + BN1] * w[b] - r[at + AN1] * w[a] <= slow)):
+            return True
+    return False
+
+
 @inline
 def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
            s: np.ndarray, i: int) -> None:
     """The gain of tile i as it goes after an impact: friction with the floor is against its new
-    way, and what bears a tile takes the forces on it, but not its friction."""
+    way.  What has been thrown off what bore it has only those forces that are to come."""
     h, floor, im, ii = loads.h, loads.floor, k.im, k.ii
-    if v.mobile[i] == 0.0 or floor.law == NONE:
+    if v.mobile[i] == 0.0:
         return
-    px, py, pt = friction_of(floor.law, v.vx[i], v.vy[i], v.w[i], 1.0 / im, 1.0 / ii,
-                             floor.force * h, floor.torque * h, c[i], s[i])
-    free = 0.0 if pressed(rows, i) else h
+    px, py, pt = 0.0, 0.0, 0.0
+    if floor.law != NONE:
+        px, py, pt = friction_of(floor.law, v.vx[i], v.vy[i], v.w[i], 1.0 / im, 1.0 / ii,
+                                 floor.force * h, floor.torque * h, c[i], s[i])
+    free = 0.0 if borne(rows, v, i, OFF * corner_speed(k, v, i)) else h
     z.gainx[i] = im * (free * loads.fx[i] + px)
     z.gainy[i] = im * (free * loads.fy[i] + py)
     z.gainw[i] = ii * (free * loads.torque[i] + pt)
@@ -598,18 +624,6 @@ def pressed(rows: Rows, tile: int) -> bool:
     return carried > 0.0
 
 
-@inline
-def propped(rows: Rows, mobile: np.ndarray, tile: int) -> bool:
-    """Whether a tile was in contact with what does not move at the end of the substep before."""
-    r, carried = rows.field, 0.0
-    for p in range(rows.start[tile], rows.start[tile + 1]):
-        i = lane_of(rows.of[p])
-        t = U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-        if mobile[rows.body[t]] * mobile[rows.body[t + LANES]] == 0.0:
-            carried += r[i + WARM0] + r[i + WARM1]
-    return carried > 0.0
-
-
 @lane
 def may_close(gap: float, nearest: float, touch: float, left: float, width: float) -> float:
     """How fast a point may approach within an impact (m/s): not at all if it is as near as the
@@ -633,8 +647,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     """Let row q take part in the impact, at its time: without impulses, and its gap may close if it
     hits.
 
-    Its tiles fly on to where they then are, unless neither comes anywhere by then.  One that is
-    pressed against what does not move stays: straight on it would leave it, or sink in.
+    Its tiles fly on to where they then are, unless neither comes anywhere by then.
     """
     r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
     at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
@@ -653,7 +666,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             z.tiles[z.size[1]] = i
             z.size[1] += 1
             z.when[i], z.part[i] = 0.0, time / loads.h - 0.5
-            if flies and (z.since[i] > 0.0 or not propped(rows, mobile, i)):
+            if flies:
                 z.when[i] = time
                 x[i] += time * v.vx[i]
                 y[i] += time * v.vy[i]
@@ -666,12 +679,9 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     if moved:
         place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
     if r[at + COUNT] != 0.0:
-        ahead = 0.0 if moved else time  # of what stays where it is
-        gap0, gap1 = gap_in(r, at + GAP0, ahead), gap_in(r, at + GAP1, ahead)
-        gap1 = gap1 if r[at + COUNT] == 2.0 else math.inf
+        gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
         left = max(k.h - time, SAME * k.h) if moved else k.h
-        first = gap1 if hit == 2.0 else (gap0 if hit == 1.0 else min(gap0, gap1))
-        nearest = max(first, 0.0) if hit > 0.0 else 0.0
+        nearest = max(min(gap0, gap1), 0.0) if hit > 0.0 else 0.0
         touch = touching(r, at, k.width)
         r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
         r[at + WANT1] = may_close(gap1, nearest, touch, left, k.width)
@@ -687,25 +697,28 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
 
     Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
     order of the rows, would turn tiles that hit a wall flat; beyond, by more than `rough`, and the
-    contact solve that follows closes that, without restitution.
+    contact solve that follows closes that, without restitution.  What rows have already got
+    (``BASE``) has changed the velocities of their tiles, too.
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known = v.mobile, z.known
     now, then = rows.now, rows.then
-    for _ in range(k.passes):
+    for p in range(k.passes):
         m = 0
         for j in range(size):
             q = now[j]
             known[q] = 1
             change = solve_row(rows, q, k.per_mass, v)
+            if p == 0:
+                change = max(change, r[lane_of(q) + BASE] * r[lane_of(q) + K00])
             if change <= fine:
                 continue
             t = U(q // WIDE) * BODIES + U(q % WIDE)
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] == 0.0:
                     continue
-                for p in range(start[tile], start[tile + 1]):
-                    other = of[p]
+                for o in range(start[tile], start[tile + 1]):
+                    other = of[o]
                     i = lane_of(other)
                     if known[other] == 2 or r[i + COUNT] == 0.0:
                         continue
