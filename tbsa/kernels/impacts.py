@@ -380,6 +380,28 @@ def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
 
 
 @lane
+def glances(k: Numbers, dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
+            nx: float, ny: float, vn: float, vt: float, of_a: bool) -> bool:
+    """Whether a corner that meets a face of a square only passes it: across one of its own faces the
+    two are as good as apart, and do not come nearer there.
+
+    What slides with a corner over the joint of two tiles, by rounding below their faces, comes at
+    the second one's corner with the face beside.  `vn` and `vt` are velocities of b's point
+    against a's, along the normal and a quarter turn from it.
+    """
+    half, blunt = 0.5 * k.width, BLUNT * k.width
+    c, s = (cb if of_a else ca), (sb if of_a else sa)
+    side = -1.0 if of_a else 1.0  # from the corner's square to that of the face
+    reach = half * (1.0 + abs(ca * cb + sa * sb) + abs(ca * sb - sa * cb))
+    ux, uy = side * (vn * nx - vt * ny), side * (vn * ny + vt * nx)
+    away, aside = side * (c * dx + s * dy), side * (c * dy - s * dx)
+    out, off = (c * ux + s * uy), (c * uy - s * ux)
+    slow = -(k.threshold + k.tolerance)
+    return bool((abs(away) - reach >= -blunt and (out if away >= 0.0 else -out) >= slow)
+                or (abs(aside) - reach >= -blunt and (off if aside >= 0.0 else -off) >= slow))
+
+
+@lane
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float,
             begin: float) -> Any:
@@ -454,7 +476,14 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             if count == 2.0 and ((first and second) or abs(gap1 - gap0) < FLUSH * k.width
                                  or (other < near and -slow <= vn <= k.tolerance)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
-            return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
+            across = nx * uy - ny * ux + bt * w[b] - at * w[a]
+            if wall or not glances(k, dx, dy, ca, sa, cb, sb, nx, ny,
+                                   vn1 if second else vn0, across, of_a):
+                return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
+            time += BLUNT * k.width / fastest
+            if time > k.h:
+                break
+            continue
         how = SLOW if there and count != 0.0 else how
         step, nearest = until_touch(
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],

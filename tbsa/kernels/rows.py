@@ -612,9 +612,12 @@ def remember(rows: Rows, n: int, store: Impulses, begin: int, end: int) -> int:
 
 @lane
 def about_the_same(rows: Rows, m: int, n: int, store: Impulses) -> bool:
-    """Whether `remember` would store what is in the store, but for rounding."""
+    """Whether `remember` would store what is in the store, but for rounding of the largest."""
     slot, r = rows.slot, rows.field
-    j, size = ZERO, store.size[0]
+    j, size, largest = ZERO, store.size[0], 0.0
+    for i in range(size):
+        largest = max(largest, store.pn0[i] + store.pn1[i])
+    least = ROUNDING * largest
     for i in range(m):
         k = U(slot[i])
         if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:
@@ -622,7 +625,6 @@ def about_the_same(rows: Rows, m: int, n: int, store: Impulses) -> bool:
         if not (j < size and store.a[j] == rows.a[i] and store.b[j] == other_of(rows, i, n)
                 and store.id0[j] == int(r[k + ID0]) and store.id1[j] == int(r[k + ID1])):
             return False
-        least = ROUNDING * (store.pn0[j] + store.pn1[j])
         if (abs(store.pn0[j] - r[k + PN0]) > least or abs(store.pn1[j] - r[k + PN1]) > least
                 or abs(store.pt[j] - r[k + PT]) > least):
             return False
