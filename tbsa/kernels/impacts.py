@@ -382,8 +382,8 @@ def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
 @lane
 def glances(k: Numbers, dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
             nx: float, ny: float, vn: float, vt: float, of_a: bool) -> bool:
-    """Whether a corner that meets a face of a square only passes it: across one of its own faces the
-    two are as good as apart, and do not come nearer there.
+    """Whether a corner that meets a face only passes it: across a face of its own square the two
+    are as good as apart, and do not come nearer there.
 
     What slides with a corner over the joint of two tiles, by rounding below their faces, comes at
     the second one's corner with the face beside.  `vn` and `vt` are velocities of b's point
