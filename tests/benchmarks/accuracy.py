@@ -47,7 +47,7 @@ LOOSE = 0.1  # m/s, about a pass or two
 # s, at which only ours is run: longer ones, and ones between, as errors grow with the step's square
 COARSE = tuple(1 / n for n in (10, 20, 30, 40, 50, 70, 80))
 BETWEEN = tuple(1 / n for n in (180, 260, 360))
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 1e-12)  # m/s
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 1e-12, 1e-14)  # m/s
 PASSES = (8, 40, 1000)
 TARGET = 1 / 480  # s, the step at which errors are judged
 Row = dict[str, Any]
@@ -101,7 +101,7 @@ def sweep(reference: Reference) -> list[Row]:
                   for effort in (usual, (LOOSE, default.passes), (LOOSE, 2))]
     if reference.steps == STEPS:
         cases += [(h, 1, tolerance, most) for h in coarse + reference.steps
-                  for tolerance in (default.tolerance, *TOLERANCES[-2:])]
+                  for tolerance in (default.tolerance, *TOLERANCES[-3:])]
         cases += [(h, substeps, LOOSE, default.passes) for h in coarse for substeps in (2, 3)]
         cases += [(h, 2, LOOSE, default.passes) for h in between]
         cases += [(TARGET, 16, *usual)]
