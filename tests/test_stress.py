@@ -97,6 +97,7 @@ def smooth():
             s.advance(round(1.0 / s.h))
             fastest = max(fastest, np.abs(s.omega).max())
         assert fastest > 200
+        assert np.abs(s.omega).max() > 100
         deepest.append(s.counts.deepest[0] / s.scene.material.width)
     return deepest
 

@@ -313,7 +313,7 @@ def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.nd
     """The gain of tile i as it goes after an impact: friction with the floor is against its new
     way.  What has been thrown off what bore it has only those forces that are to come."""
     h, floor, im, ii = loads.h, loads.floor, k.im, k.ii
-    if v.mobile[i] == 0.0:
+    if v.mobile[i] == 0.0 or loads.gain == 0.0:  # without forces and floor there is none
         return
     px, py, pt = 0.0, 0.0, 0.0
     if floor.law != NONE:
@@ -381,9 +381,9 @@ def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
 
 @lane
 def glances(k: Numbers, dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
-            nx: float, ny: float, vn: float, vt: float, of_a: bool) -> bool:
+            nx: float, ny: float, vn: float, vt: float, of_a: bool, slow: float) -> bool:
     """Whether a corner that meets a face only passes it: across a face of its own square the two
-    are as good as apart, and do not come nearer there.
+    are as good as apart, and do not come nearer there, or no faster than `slow`.
 
     What slides with a corner over the joint of two tiles, by rounding below their faces, comes at
     the second one's corner with the face beside.  `vn` and `vt` are velocities of b's point
@@ -396,9 +396,8 @@ def glances(k: Numbers, dx: float, dy: float, ca: float, sa: float, cb: float, s
     ux, uy = side * (vn * nx - vt * ny), side * (vn * ny + vt * nx)
     away, aside = side * (c * dx + s * dy), side * (c * dy - s * dx)
     out, off = (c * ux + s * uy), (c * uy - s * ux)
-    slow = -(k.threshold + k.tolerance)
-    return bool((abs(away) - reach >= -blunt and (out if away >= 0.0 else -out) >= slow)
-                or (abs(aside) - reach >= -blunt and (off if aside >= 0.0 else -off) >= slow))
+    return bool((abs(away) - reach >= -blunt and (out if away >= 0.0 else -out) >= -slow)
+                or (abs(aside) - reach >= -blunt and (off if aside >= 0.0 else -off) >= -slow))
 
 
 @lane
@@ -478,7 +477,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
             across = nx * uy - ny * ux + bt * w[b] - at * w[a]
             if wall or not glances(k, dx, dy, ca, sa, cb, sb, nx, ny,
-                                   vn1 if second else vn0, across, of_a):
+                                   vn1 if second else vn0, across, of_a, slow):
                 return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
             time += BLUNT * k.width / fastest
             if time > k.h:
