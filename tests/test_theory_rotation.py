@@ -104,6 +104,29 @@ def test_a_dry_snap_is_what_tiny_steps_give():
     assert (vx, vy) == pytest.approx(tuple(end.twists[1, :2]), abs=1e-3)
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_a_smooth_tile_that_comes_from_out_of_reach_is_moved_and_turned(held):
+    """One lies still, the other flies past without a spin: nothing pulls before they are near."""
+    start = np.array([(0.0, 0.0, 0.3), (-0.07, 0.046, -0.2)])
+    twists = np.array([(0.0, 0.0, 0.0), (0.5, 0.0, 0.0)])
+    bodies = (HELD if held else SMOOTH, SMOOTH)
+    end = meet(start, twists, bodies, SECOND, LAW, until=0.3)
+    assert abs(end.twists[1, 2]) > 0.5
+
+    def energy(poses, twists):
+        moving = twists[1:] if held else twists
+        kinetic = 0.5 * (moving**2 @ [MASS, MASS, INERTIA]).sum()
+        return kinetic + magnets.pair_energy(tuple(poses[0]), SECOND[0], tuple(poses[1]),
+                                             SECOND[1], LAW)
+
+    assert energy(end.poses, end.twists) == pytest.approx(energy(start, twists), rel=1e-9)
+    if not held:
+        assert end.twists[:, :2].sum(axis=0) == pytest.approx([0.5, 0.0], abs=1e-12)
+        spin = [MASS * (p[:, 0] * t[:, 1] - p[:, 1] * t[:, 0]).sum() + INERTIA * t[:, 2].sum()
+                for p, t in ((start, twists), (end.poses, end.twists))]
+        assert spin[1] == pytest.approx(spin[0], rel=1e-9)
+
+
 def test_two_dry_tiles_meet_as_tiny_steps_have_it():
     """One comes, stops, and is pulled on; both begin to slide where the pull passes their bound."""
     poses = np.array([(0.0, 0.0, 0.0), (0.04, 0.0, 0.0)])

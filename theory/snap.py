@@ -277,6 +277,11 @@ def _modes(part: _Part, z: Reals) -> None:
             part.turns[i] = math.copysign(1.0, torque)
         else:
             part.turns[i] = 0.0
+    if any(part.slides) or any(part.turns):  # where nothing rubs, no event would see a load begin
+        for i, body in enumerate(part.bodies):
+            if not math.isinf(body.mass):
+                part.slides[i] |= body.friction_force == 0.0
+                part.turns[i] = part.turns[i] or float(body.friction_torque == 0.0)
 
 
 def _unseen(found: Any, width: float) -> float | None:
