@@ -373,14 +373,19 @@ def test_the_coupled_tile_obeys_its_equation_of_motion():
         assert rate == pytest.approx(expected, rel=1e-5, abs=1e-5)
 
 
-def test_the_coupled_tile_without_torque_goes_straight_as_the_other_law_says():
-    times = np.arange(0.5, 10.5, 0.5)
-    common = {"mass": MASS, "force": 0.075, "torque": 0.0, "frequency": 0.1, "linear_damping": 0.8}
-    z = unicycle.coupled_tile(times, width=WIDTH, mu=MU, **common)
-    truth = motion.driven_tile(times, inertia=INERTIA, friction_force=FLOOR, friction_torque=1.0,
-                               **common)
-    assert z[:, :2] == pytest.approx(truth[:, :2], abs=1e-8)
-    assert (z[:, 2] == 0.0).all()
+@pytest.mark.parametrize(("force", "frequency", "mu", "damping"), [
+    (0.075, 0.1, MU, 0.8),  # stops, and waits for the drive
+    (0.3, 3.0, 0.05, 5.0), (0.1, 3.0, MU, 0.8)])  # turns round without a rest
+def test_the_coupled_tile_without_torque_goes_straight_as_the_other_law_says(force, frequency, mu,
+                                                                             damping):
+    times = np.linspace(0.0, 3.0 / frequency, 61)
+    common = {"mass": MASS, "force": force, "torque": 0.0, "frequency": frequency,
+              "linear_damping": damping}
+    z = unicycle.coupled_tile(times, width=WIDTH, mu=mu, **common)
+    truth = motion.driven_tile(times, inertia=INERTIA, friction_force=mu * MASS * GRAVITY,
+                               friction_torque=1.0, **common)
+    assert np.abs(truth[:, 1]).max() > WIDTH
+    assert np.abs(z - truth).max() < 1e-9
 
 
 def test_a_load_inside_the_limit_surface_moves_nothing():

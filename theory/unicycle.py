@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import cumulative_trapezoid, solve_ivp
+from scipy.integrate import Radau, cumulative_trapezoid, solve_ivp
 
 from theory import command
 from theory.floor import MEAN_DISTANCE
@@ -100,14 +100,12 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
         out[3:, 3:] -= np.diag([linear_damping, linear_damping, angular_damping])
         return out
 
-    def stops(t: float, z: Reals) -> float:
-        """Speed, less what friction takes of it in REST."""
-        s = math.sqrt(z[3] ** 2 + z[4] ** 2 + (arm * z[5]) ** 2)
-        change = rates(t, z)
-        slowing = -float(z[3] * change[3] + z[4] * change[4] + arm * arm * z[5] * change[5]) / s
-        return float(s - max(slowing, 0.0) * REST)
+    def to_go(t: float, z: Reals) -> float:
+        """Time (s) to a stop, if the tile goes on slowing down as it does."""
+        weight = np.array([1.0, 1.0, arm * arm])
+        slowing = -float(z[3:] * weight @ rates(t, z)[3:])
+        return float(z[3:] ** 2 @ weight) / slowing if slowing > 0.0 else math.inf
 
-    stops.terminal, stops.direction = True, -1.0  # type: ignore[attr-defined]
     result = np.zeros((instants.size, 6))
     if not instants.size:
         return result
@@ -146,16 +144,19 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
             done += 1
         if done == instants.size:
             break
-        found: Any = solve_ivp(rates, (now + REST, last + 1e-9), start, "Radau", events=stops,
-                               jac=jacobian, rtol=1e-10, atol=[1e-12] * 3 + [1e-14] * 3,
-                               max_step=0.05, dense_output=True)
-        if found.status < 0:
-            raise RuntimeError(found.message)
-        end = float(found.t[-1])
-        inside = slice(done, int(np.searchsorted(instants, end, side="right")))
-        if inside.start < inside.stop:
-            result[inside], done = found.sol(instants[inside]).T, inside.stop
-        z, now = found.y[:, -1].copy(), end
+        # Where it stops is a singular point, across which no step may go.
+        going = Radau(rates, now + REST, start, last + 1e-9, rtol=1e-10,
+                      atol=[1e-12] * 3 + [1e-14] * 3, jac=jacobian)
+        while going.status == "running" and (left := to_go(going.t, going.y)) > REST:
+            going.max_step = min(0.05, 0.7 * left)
+            message = going.step()
+            if going.status == "failed":
+                raise RuntimeError(message)
+            inside = slice(done, int(np.searchsorted(instants, going.t, side="right")))
+            if inside.start < inside.stop:
+                result[inside] = going.dense_output()(instants[inside]).T
+                done = inside.stop
+        z, now = going.y.copy(), min(going.t + left, last + 1e-9)
         z[3:] = 0.0
     return result
 
