@@ -982,6 +982,50 @@ def test_a_flat_hit_across_a_joint_is_one_on_a_smooth_wall(offset):
     assert s.omega[0] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("substeps", [2, 4])
+@pytest.mark.parametrize("e", [0.9, 1.0])
+def test_what_turns_as_it_is_hit_stays_with_what_it_touches(e, substeps):
+    """Two smooth tiles, flat on each other, one of which hits a corner: both turn, and their faces
+    press on each other as they do.  That is no further impact: each was a bounce, in every
+    substep."""
+    def run(step, substeps):
+        s = simulate([tile(held=True), tile(0.6 * WIDTH, 1.1 * WIDTH, vy=-1.0),
+                      tile(0.6 * WIDTH, 2.1 * WIDTH, vy=-1.0)],
+                     body=material(friction=0.0, restitution=e, restitution_threshold=0.01),
+                     step=step, substeps=substeps, tolerance=1e-9, passes=2000)
+        s.run(0.025)
+        return s, state(s)[:, 1:]
+
+    s, found = run(H, substeps)
+    short, truth = run(H / 16, 4)
+    assert abs(truth[5]).min() > 20.0
+    assert int(s.counts.impacts[0]) == int(short.counts.impacts[0]) == 2
+    off = np.abs(found[3:] - truth[3:]).T @ [1.0, 1.0, WIDTH]
+    assert off.max() < 1e-3
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
+def test_what_an_impact_leaves_together_hits_together_in_the_same_substep(phase):
+    """An L of three, flat on each other, flies at two held tiles, which its corner and then one of
+    its arms hit; in between they have turned, and still touch."""
+    turn, upper, v = cmath.exp(-1.5848619j), cmath.exp(0.0256431j), -0.5226727 + 1.4059912j
+    held = [tile(z.real, z.imag, -1.5848619, held=True)
+            for z in (0.5 * WIDTH * turn, -0.5 * WIDTH * turn)]
+    corner = WIDTH * (1.6396665 - 4.2369833j) + phase * H / 4 * v
+    flying = [tile(z.real, z.imag, 0.0256431, v.real, v.imag)
+              for z in (corner - 1j * WIDTH * upper, corner, corner - WIDTH * upper)]
+
+    def run(step):
+        s = simulate([*held, *flying], drive=Drive("constant", (0.02, 0.0)), step=step, substeps=4,
+                     tolerance=1e-9, passes=2000,
+                     body=material(friction=0.1, restitution=0.9, restitution_threshold=0.01))
+        s.run(30 * H)
+        return state(s)[3:, 2:]
+
+    off = np.abs(run(H) - run(H / 16)).T @ [1.0, 1.0, WIDTH]
+    assert off.max() < 0.03
+
+
 @pytest.mark.parametrize("gap", [0.02, 0.06, 0.09])
 def test_what_is_thrown_hits_in_the_same_substep_what_it_lay_far_from(gap):
     """A tile lies still, `gap` widths from the wall, and is hit at 5 m/s within a step."""

@@ -88,7 +88,7 @@ from tbsa.kernels.crew import (
 )
 from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, cos_sin
-from tbsa.kernels.impacts import Loads, Scratch, forget_early, impacts, spread_early
+from tbsa.kernels.impacts import Loads, Scratch, forget_early, impacts, keep_together, spread_early
 from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, solo
 from tbsa.kernels.magnets import (
     MagnetLaw,
@@ -957,6 +957,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
         counts.projections[0] += 1
         if state.early[0] > 0:
             forget_early(rows, loads, work.shift)
+    if work.scratch.size[3] > 0:
+        keep_together(rows, k, work.scratch)
     return overlap
 
 

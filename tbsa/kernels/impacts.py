@@ -28,7 +28,15 @@ import numpy as np
 
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import NEVER, RESTS, SPARE, SWEPT, place_block, weigh_block
+from tbsa.kernels.contacts import (
+    GRAZED,
+    NEVER,
+    RESTS,
+    SPARE,
+    SWEPT,
+    place_block,
+    weigh_block,
+)
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import (
     BLUNT,
@@ -40,6 +48,7 @@ from tbsa.kernels.geometry import (
     wall_square,
 )
 from tbsa.kernels.jit import ZERO, U, apart, inline, lane
+from tbsa.kernels.projection import clears
 from tbsa.kernels.queue import Queue, empty_queue, put, take
 from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
@@ -57,6 +66,8 @@ from tbsa.kernels.rows import (
     GAP0,
     GAP1,
     HIT,
+    I00,
+    I11,
     K00,
     K11,
     LANES,
@@ -134,15 +145,18 @@ class Scratch(NamedTuple):
     drawn: np.ndarray  # int64, whether it has been asked for that
     pulled: np.ndarray  # int64, the tiles that have
     kept: np.ndarray  # a block of which one row is placed again
-    size: np.ndarray  # int64[3], rows and tiles that take part, and tiles that are asked
+    left: np.ndarray  # int64, the rows that an impact of this substep has left together
+    points: np.ndarray  # int64, and which of their points: 1, 2 or 3; 0 of all others
+    size: np.ndarray  # int64[4], rows and tiles that take part, tiles that are asked, rows `left`
 
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "struck", "island", "drawn", "pulled"}
     parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-2]])
-    return Scratch._make([*parts, np.zeros(int(BLOCK)), np.zeros(3, np.int64)])
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-4]])
+    parts += [np.zeros(int(BLOCK)), *columns(WIDE * blocks, [int, int])]
+    return Scratch._make([*parts, np.zeros(4, np.int64)])
 
 
 class Loads(NamedTuple):
@@ -756,7 +770,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                         gap = gap_in(r, i + GAP0, z.time[q])
                         if r[i + COUNT] == 2.0:
                             gap = min(gap, gap_in(r, i + GAP1, z.time[q]))
-                        if gap > touching(r, i, k.width):
+                        if gap > touching(r, i, k.width) and z.points[other] == 0:
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
                         enter(rows, other, k, v, z, x, y, angle, c, s, loads, begun)
@@ -847,8 +861,9 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
             continue
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > slow
                   and (r[i + COUNT] == 1.0 or r[i + VN1] > slow))
-        if (time[other] - time[row] <= SAME * k.h if hits else
-                not leaves and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width)):
+        touches = z.points[other] != 0 or (
+            not leaves and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width))
+        if time[other] - time[row] <= SAME * k.h if hits else touches:
             return TOGETHER
     return ALONE
 
@@ -962,6 +977,54 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
 
 
 @inline
+def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
+                   angle: np.ndarray) -> None:
+    """Of the points that impacts of this substep have pressed, keep those that they have left
+    together, and that press on each other as their tiles turn: they touch.
+
+    Not what turns fast: what bears it does work, and a solve does none.
+    """
+    r, body, slow, size = rows.field, rows.body, k.threshold + k.tolerance, z.size[3]
+    z.size[3] = 0
+    for j in range(size):
+        q = z.left[j]
+        if z.known[q] != 0:  # of this impact: its row tells of now
+            at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+            a, b = U(body[t]), U(body[t + LANES])
+            along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
+            if along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a] > slow:
+                z.points[q] &= 2
+            if along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a] > slow:
+                z.points[q] &= 1
+            if (k.h * (abs(v.w[a]) + abs(v.w[b])) > SWEPT
+                    or clears(rows, q, k, v, x, y, angle, k.h, NOWHERE * k.width)):
+                z.points[q] = 0
+        if z.points[q] != 0:
+            z.left[z.size[3]] = q
+            z.size[3] += 1
+
+
+@inline
+def keep_together(rows: Rows, k: Numbers, z: Scratch) -> None:
+    """Give what impacts of this substep have left together an impulse, if the solve has given it
+    none: it has been in contact.
+
+    What turns as it is hit comes again in the next substep, as its faces turn.  There the solve
+    bears it; it would hit, and bounce, in every substep.
+    """
+    r, little = rows.field, 2.0 * GRAZED * k.tolerance
+    for j in range(z.size[3]):
+        q = z.left[j]
+        at = lane_of(q)
+        if z.points[q] & 1:
+            r[at + PN0] = max(r[at + PN0], little * r[at + I00])
+        if z.points[q] & 2:
+            r[at + PN1] = max(r[at + PN1], little * r[at + I11])
+        z.points[q] = 0
+    z.size[3] = 0
+
+
+@inline
 def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
              angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
              size: int) -> None:
@@ -993,6 +1056,11 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         q = z.rows[j]
         at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
         e, p0, p1 = r[at + E], r[at + PN0], r[at + PN1]
+        if p0 + p1 > 0.0:
+            if z.points[q] == 0:
+                z.left[z.size[3]] = q
+                z.size[3] += 1
+            z.points[q] |= (1 if p0 > 0.0 else 0) + (2 if p1 > 0.0 else 0)
         p0 = e * p0 if p0 * r[at + K00] > k.threshold else 0.0
         p1 = e * p1 if p1 * r[at + K11] > k.threshold else 0.0
         r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
@@ -1018,6 +1086,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                                + k.inertia * z.uw[i] * z.uw[i])
         limit_energy(rows, k, v, z)
 
+    leave_together(rows, k, v, z, x, y, angle)
     for j in range(z.size[0]):
         q = z.rows[j]
         at = lane_of(q)
