@@ -72,6 +72,7 @@ from tbsa.kernels.rows import (
     WALLS,
     WANT0,
     WANT1,
+    WANTT,
     WARM0,
     WARM1,
     WARMT,
@@ -158,11 +159,12 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float, wal
             r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
             r[o + KTT + i], width, spare + way, wall)
         wa, wb = r[o + AW + i], r[o + BW + i]
-        bend0, bend1 = bends(
+        bend0, bend1, slide = bends(
             width, gap0, gap1, at - bt, bn0 - an0, -bn0 if of_a else an0, -bn1 if of_a else an1,
             h * (nx * vx_ab + ny * vy_ab), h * (nx * vy_ab - ny * vx_ab), h * (wa if of_a else wb),
             h * (wb - wa if of_a else wa - wb))
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h2 * bend0, per_h2 * bend1
+        r[o + WANTT + i] = per_h2 * slide
         # As seen from a, which turns: what goes round with it stays where it is.
         mx, my = r[o + I00 + i] + 0.5 * h * vx_ab, r[o + I11 + i] + 0.5 * h * vy_ab
         ux, uy = vx_ab + wa * my, vy_ab - wa * mx
@@ -264,9 +266,10 @@ def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, 
         r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
         up, over = arc(h * w[a])
         fx, fy = h * (vx[a] - w[a] * ry), h * (vy[a] + w[a] * rx)
-        later, _, _ = circle_corner(x[a] + rx + fx - up * rx + over * ry,
-                                    y[a] + ry + fy - up * ry - over * rx, k.wall_x)
+        arcx, arcy = over * ry - up * rx, -over * rx - up * ry
+        later, _, _ = circle_corner(x[a] + rx + fx + arcx, y[a] + ry + fy + arcy, k.wall_x)
         r[o + BEND0 + i] = r[o + BEND1 + i] = (later - gap + nx * fx + ny * fy) / (h * h)
+        r[o + WANTT + i] = (ny * arcx - nx * arcy) / (h * h)
         r[o + PN0 + i] *= count
         r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
         r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = r[o + PN0 + i], 0.0, r[o + PT + i]
@@ -336,6 +339,9 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + BEND0 + i], r[o + BEND1 + i] = per_h * bend0, per_h * bend1
         r[o + WANT0 + i] = NEVER if none else want(per_h * gap0, bend0)
         r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
+        vt = (nx * (r[o + BY + i] - r[o + AY + i]) - ny * (r[o + BX + i] - r[o + AX + i])
+              + bt * wb - at * wa)
+        r[o + WANTT + i] = mirrored(h * r[o + WANTT + i], vt) if one else 0.0
         closes0 = (count > 0.5) & (gap0 + h * (vn0 + bend0) <= gain)
         closes1 = two & (gap1 + h * (vn1 + bend1) <= gain)
         pressed = (r[o + WARM0 + i] > 0.0) | (r[o + WARM1 + i] > 0.0)

@@ -105,19 +105,22 @@ def arc(angle: float) -> Any:
 @lane
 def bends(width: float, gap0: float, gap1: float, away: float, aside: float, p0: float, p1: float,
           along: float, across: float, turn: float, other: float) -> Any:
-    """What the gaps of two points gain (m) while both squares fly on, beyond what they gain at
-    their present rates.
+    """What the gaps of two points gain (m) while both squares fly on, and how far the first one
+    slides along the face, beyond what they do at their present rates.
 
-    A gap is ``n . (d + R r) - w/2``, where n and t are out of the face and along it, the other
-    square's centre is at d from that of the face's square, and its point at r from there.  In
-    their frame d is (`away`, `aside`) and r is (w/2 + gap - away, `p`).  Meanwhile the other
-    centre goes (`along`, `across`), n turns by `turn`, and r, as seen from n, by `other` (rad).
+    A gap is ``n . (d + R r) - w/2``, and a slide that of ``t . (d + R r)``, where n and t are out
+    of the face and along it, the other square's centre is at d from that of the face's square, and
+    its point at r from there.  In their frame d is (`away`, `aside`) and r is
+    (w/2 + gap - away, `p`).  Meanwhile the other centre goes (`along`, `across`), n turns by
+    `turn`, and r, as seen from n, by `other` (rad).
     """
     up, over = arc(turn)
     back, lag = arc(other)
     centre = (turn - over) * across - over * aside - up * (away + along)
     r = 0.5 * width - away
-    return centre + lag * p0 - back * (r + gap0), centre + lag * p1 - back * (r + gap1)
+    slide = over * (away + along) - turn * along - up * (aside + across)
+    return (centre + lag * p0 - back * (r + gap0), centre + lag * p1 - back * (r + gap1),
+            slide - lag * (r + gap0) - back * p0)
 
 
 @lane

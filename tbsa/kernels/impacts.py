@@ -83,6 +83,7 @@ from tbsa.kernels.rows import (
     VN1,
     WANT0,
     WANT1,
+    WANTT,
     WARM0,
     WARM1,
     WARMT,
@@ -727,6 +728,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         touch = touching(r, at, k.width)
         r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
         r[at + WANT1] = may_close(gap1, nearest, touch, left, k.width)
+        r[at + WANTT] = 0.0
     r[at + HIT] = hit
     r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
@@ -1099,7 +1101,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         for p in range(rows.start[i], rows.start[i + 1]):
             at = lane_of(rows.of[p])
             if r[at + COUNT] != 0.0:  # bends were those of other spins
-                r[at + BEND0] = r[at + BEND1] = 0.0
+                r[at + BEND0] = r[at + BEND1] = r[at + WANTT] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
     for j in range(z.size[1]):  # and back

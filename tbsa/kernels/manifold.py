@@ -4,7 +4,8 @@ For every contact point, with ``vn`` the relative normal velocity at the end of 
 
     vn + want >= 0,   pn >= 0,   pn (vn + want) = 0      (no penetration; want = gap / h,
                                                         and what it gains along an arc)
-    |pt| <= mu pn,    pt against the relative tangential velocity   (Coulomb)
+    |pt| <= mu pn,    pt against the relative tangential velocity   (Coulomb; of one point, and
+                                                        what it slides along its arc)
 
 A manifold of one point is solved exactly for both impulses; one of two points exactly for both
 normal impulses, in turn with its one friction impulse.
@@ -51,6 +52,7 @@ from tbsa.kernels.rows import (
     PT,
     WANT0,
     WANT1,
+    WANTT,
 )
 
 
@@ -148,7 +150,8 @@ def solve_lanes(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bo
         pn, pt = 0.0, 0.0
         if lone:
             pn, pt = one_point(vn0 + (r[k + WANT0] - (k00 * q0 + k01 * qt)),
-                               vt - (k01 * q0 + ktt * qt), k00, ktt, k01, itt, idet, mu, base)
+                               vt + (r[k + WANTT] - (k01 * q0 + ktt * qt)), k00, ktt, k01, itt,
+                               idet, mu, base)
         p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)
         push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
         r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t

@@ -65,6 +65,7 @@ FIELDS = (
     "warm0", "warm1", "warmt",     # N s, the impulses at the end of the last substep
     "bend0", "bend1",              # m/s^2, what the gap gains along the arc, over h^2; see `bends`
     "want0", "want1",              # m/s, the solve makes vn >= -want
+    "wantt",                       # m/s, ... and friction of one point stops vt at -want
     "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
     "i00", "i11", "itt", "idet",   # kg, kg^2
     "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching
@@ -75,8 +76,8 @@ FIELDS = (
     "bx", "by", "bw",
 )
 (COUNT, PN0, PN1, PT, BASE, MA, MB, CHANGE, NX, NY, AT, BT, AN0, BN0, AN1, BN1, GAP0, GAP1, ID0,
- ID1, WARM0, WARM1, WARMT, BEND0, BEND1, WANT0, WANT1, K00, K01, K11, KTT, I00, I11, ITT, IDET,
- VN0, VN1, HIT, MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
+ ID1, WARM0, WARM1, WARMT, BEND0, BEND1, WANT0, WANT1, WANTT, K00, K01, K11, KTT, I00, I11, ITT,
+ IDET, VN0, VN1, HIT, MU, E, AX, AY, AW, BX, BY, BW) = (U(i) * LANES for i in range(len(FIELDS)))
 ZEROED = CHANGE + LANES  # numbers of a block, its first, that a new row needs to be zero
 BLOCK = U(len(FIELDS)) * LANES  # numbers of a block
 BODIES = U(2) * LANES  # body indices of a block: those of a, then those of b

@@ -389,11 +389,12 @@ def rocking_drop(mu: float = 1.0) -> Reference:
             most = max(most, float(s.omega[0]))
             if s.omega[0] < 0.7 * most and most > 0.5 * fall.spin:
                 break
-        # Back to where it lay flat, if it has been rocking on against the load since.
-        angle, after = float(s.angle[0]), float(s.omega[0])
+        # Back to where it lay flat, if it rocks on, from two steps in which nothing hits.
         s.advance(1)
-        if after > 0.0:
-            after += (after - float(s.omega[0])) / s.h * max(angle, 0.0) / after
+        angle, later = float(s.angle[0]), float(s.omega[0])
+        s.advance(1)
+        slowing = (later - float(s.omega[0])) / s.h
+        after = math.sqrt(max(later**2 + 2.0 * slowing * angle, 0.0)) if later > 0.0 else later
         top = angle
         for _ in range(round(0.2 / s.h)):
             s.advance(1)
