@@ -92,6 +92,8 @@ SWEPT = 0.1
 SLOPING = 1e-3
 # What has been stopped by no more than this part of the tolerance was not pressed together.
 GRAZED = 1e-3
+# ... and what touches, and does not press, is given this, as a note that it has been in contact.
+NOTED = 2.0 * GRAZED
 # Nearer than this (widths), what gives nothing back and neither comes nor goes is in contact.
 RESTS = 1e-5
 # The solve leaves a point with this velocity alone (m/s): there is none.

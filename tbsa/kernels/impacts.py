@@ -29,8 +29,8 @@ import numpy as np
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import (
-    GRAZED,
     NEVER,
+    NOTED,
     RESTS,
     SPARE,
     SWEPT,
@@ -998,7 +998,8 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
                 z.points[q] &= 2
             if along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a] > slow:
                 z.points[q] &= 1
-            if (k.h * (abs(v.w[a]) + abs(v.w[b])) > SWEPT
+            if z.points[q] != 0 and (
+                    k.h * (abs(v.w[a]) + abs(v.w[b])) > SWEPT
                     or clears(rows, q, k, v, x, y, angle, k.h, NOWHERE * k.width)):
                 z.points[q] = 0
         if z.points[q] != 0:
@@ -1014,7 +1015,7 @@ def keep_together(rows: Rows, k: Numbers, z: Scratch) -> None:
     What turns as it is hit comes again in the next substep, as its faces turn.  There the solve
     bears it; it would hit, and bounce, in every substep.
     """
-    r, little = rows.field, 2.0 * GRAZED * k.tolerance
+    r, little = rows.field, NOTED * k.tolerance
     for j in range(z.size[3]):
         q = z.left[j]
         at = lane_of(q)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import GRAZED, RESTS
+from tbsa.kernels.contacts import NOTED, RESTS
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
 from tbsa.kernels.geometry import (
     CIRCLE,
@@ -182,8 +182,7 @@ def hold(r: np.ndarray, o: int, k: Numbers) -> None:
     What slides along a curve comes again in the next substep.  There the solve bears it; it would
     hit, and be stopped, in every substep.
     """
-    least, slow, little = (RESTS * k.width, k.threshold + k.tolerance,
-                           2.0 * GRAZED * k.tolerance)
+    least, slow, little = RESTS * k.width, k.threshold + k.tolerance, NOTED * k.tolerance
     for i in range(LANES):
         at = o + i
         wa, wb, count = r[at + AW], r[at + BW], r[at + COUNT]
