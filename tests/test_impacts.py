@@ -446,8 +446,9 @@ def pushed_in_a_row(part):
 
 
 @pytest.mark.parametrize(("what", "substeps", "most"), [
-    (knocked_off, 4, 4e-3), (knocked_off, 1, 8e-3), (hit_from_above, 1, 2e-3),
-    (slid_into_a_corner, 4, 3e-4), (pushed_in_a_row, 4, 6e-4)])
+    (knocked_off, 4, 4e-3), (knocked_off, 1, 8e-3), (hit_from_above, 1, 2e-4),
+    (slid_into_a_corner, 4, 1e-5), (slid_into_a_corner, 1, 2e-5), (pushed_in_a_row, 4, 4e-5),
+    (pushed_in_a_row, 1, 4e-5)])
 def test_what_is_hit_where_it_lies_does_not_depend_on_the_moment_in_a_substep(what, substeps, most):
     """Velocities (m/s), and places in a tenth of a second's way at them, after hits on what a load
     presses against a wall, or on what lies on two, against a 16th of the step or less."""

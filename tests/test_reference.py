@@ -56,6 +56,15 @@ def test_free_flight_is_of_second_order(reference):
     assert order(found, reference.quantity) >= 1.9
 
 
+@pytest.mark.parametrize("tilt", [0.2, 0.201, 0.202, 0.203, 0.204, 0.205, 0.206, 0.207])
+def test_what_rocks_lands_as_fast_as_it_falls_wherever_in_a_substep(tilt):
+    """Up to there it keeps its energy, also when its second corner is near."""
+    reference = scenes.rocking_drop(tilt=tilt)
+    found = reference.measure(Simulation, at_step(reference.scene, TARGET))
+    assert found["spin"] < 3e-4
+    assert found["next tilt"] < 6e-4
+
+
 @pytest.mark.parametrize("reference", [*REFERENCES, *LARGER],
                          ids=lambda reference: reference.name)
 def test_every_reference_scene_is_a_config_that_can_be_run(reference, tmp_path):

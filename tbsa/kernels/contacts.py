@@ -343,7 +343,9 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
         vt = (nx * (r[o + BY + i] - r[o + AY + i]) - ny * (r[o + BX + i] - r[o + AX + i])
               + bt * wb - at * wa)
-        r[o + WANTT + i] = mirrored(h * r[o + WANTT + i], vt) if one else 0.0
+        # Of two points one that bears alone: what lies flat on another does not swing on it.
+        swings = one | (two & ((r[o + WARM0 + i] > 0.0) != (r[o + WARM1 + i] > 0.0)))
+        r[o + WANTT + i] = mirrored(h * r[o + WANTT + i], vt) if swings else 0.0
         closes0 = (count > 0.5) & (gap0 + h * (vn0 + bend0) <= gain)
         closes1 = two & (gap1 + h * (vn1 + bend1) <= gain)
         pressed = (r[o + WARM0 + i] > 0.0) | (r[o + WARM1 + i] > 0.0)

@@ -105,7 +105,7 @@ def arc(angle: float) -> Any:
 @lane
 def bends(width: float, gap0: float, gap1: float, away: float, aside: float, p0: float, p1: float,
           along: float, across: float, turn: float, other: float) -> Any:
-    """What the gaps of two points gain (m) while both squares fly on, and how far the first one
+    """What the gaps of two points gain (m) while both squares fly on, and how far the nearer one
     slides along the face, beyond what they do at their present rates.
 
     A gap is ``n . (d + R r) - w/2``, and a slide that of ``t . (d + R r)``, where n and t are out
@@ -120,7 +120,7 @@ def bends(width: float, gap0: float, gap1: float, away: float, aside: float, p0:
     r = 0.5 * width - away
     slide = over * (away + along) - turn * along - up * (aside + across)
     return (centre + lag * p0 - back * (r + gap0), centre + lag * p1 - back * (r + gap1),
-            slide - lag * (r + gap0) - back * p0)
+            slide - lag * (r + min(gap0, gap1)) - back * (p0 if gap0 <= gap1 else p1))
 
 
 @lane

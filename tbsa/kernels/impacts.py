@@ -116,6 +116,8 @@ NOWHERE = 1e-5
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
 # What was pressed comes off if it goes faster than this part of its tile's fastest corner.
 OFF = 0.01
+# What bears a tile is found up to this part of what forces give it in the substep.
+BORNE = 1e-3
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 OFTEN = 60
 
@@ -273,21 +275,90 @@ def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
 
 
 @lane
+def lies_on(rows: Rows, v: Bodies, tile: int, slow: float) -> Any:
+    """Whether a tile was pressed against one that moves, and does not come off it, faster than
+    `slow` (m/s); and whether it was against a wall or a held one."""
+    r, body, vx, vy, w, mobile = rows.field, rows.body, v.vx, v.vy, v.w, v.mobile
+    held = False
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+        if r[at + WARM0] + r[at + WARM1] == 0.0:
+            continue
+        a, b = U(body[t]), U(body[t + LANES])
+        if mobile[a] * mobile[b] == 0.0:
+            held = True
+            continue
+        along = r[at + NX] * (vx[b] - vx[a]) + r[at + NY] * (vy[b] - vy[a])
+        if ((r[at + WARM0] > 0.0 and along + r[at + BN0] * w[b] - r[at + AN0] * w[a] <= slow) or
+                (r[at + WARM1] > 0.0 and along + r[at + BN1] * w[b] - r[at + AN1] * w[a] <= slow)):
+            return True, held
+    return False, held
+
+
+@inline
+def bears(warm: float, gap: float, vn: float, k: Numbers) -> bool:
+    """Whether a point bears what presses there: it did, or touches and does not hit."""
+    return warm > 0.0 or (gap < NOWHERE * k.width and vn >= -(k.threshold + k.tolerance))
+
+
+@lane
+def bear(rows: Rows, k: Numbers, v: Bodies, i: int, least: float) -> None:
+    """Let walls and held tiles bear tile i as they did in the substep before: as the contact solve,
+    of this tile alone, to `least` (m/s)."""
+    r, body, mobile = rows.field, rows.body, v.mobile
+    for number in range(k.passes):
+        most = 0.0
+        for p in range(rows.start[i], rows.start[i + 1]):
+            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+            first = bears(r[at + WARM0], r[at + GAP0], r[at + VN0], k)
+            second = bears(r[at + WARM1], r[at + GAP1], r[at + VN1], k)
+            if (r[at + COUNT] == 0.0 or mobile[body[t]] * mobile[body[t + LANES]] != 0.0
+                    or not (first or second)):
+                continue
+            if number == 0:
+                r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
+            want0, want1 = r[at + WANT0], r[at + WANT1]
+            r[at + WANT0], r[at + WANT1] = want0 if first else NEVER, want1 if second else NEVER
+            most = max(most, solve_row(rows, rows.of[p], k.per_mass, v))
+            r[at + WANT0], r[at + WANT1] = want0, want1
+        if most <= least:
+            break
+    for p in range(rows.start[i], rows.start[i + 1]):
+        at = lane_of(rows.of[p])
+        r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
+
+
+@inline
+def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -> None:
+    """Give tile i what forces and what bears it give it in the substep.
+
+    Nothing, if it lies on a tile that moves, and does not come off it, faster than `slow` (m/s):
+    what the two bear is not known from one of them.
+    """
+    h, im, fx, fy = loads.h, k.im, loads.fx[i], loads.fy[i]
+    among, held = lies_on(rows, v, i, slow)
+    if among:
+        return
+    v.vx[i] += h * im * fx
+    v.vy[i] += h * im * fy
+    v.w[i] += h * k.ii * loads.torque[i]
+    if held:
+        bear(rows, k, v, i, BORNE * h * im * math.sqrt(fx * fx + fy * fy))
+
+
+@lane
 def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
          s: np.ndarray, i: int) -> None:
-    """Give tile i, once, what forces and floor give it in the substep if it meets nothing.
-
-    What bears a tile that is pressed against another takes the forces on it, but not its friction.
-    """
+    """Give tile i, once, what forces, floor and what bears it give it in the substep if it meets
+    nothing."""
     if v.mobile[i] == 0.0 or z.drawn[i] != 0:
         return
     z.drawn[i] = 1
     z.pulled[z.size[2]] = i
     z.size[2] += 1
     h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
-    free = 0.0 if pressed(rows, i) else h
-    tx, ty, tw = (vx + free * im * loads.fx[i], vy + free * im * loads.fy[i],
-                  w + free * ii * loads.torque[i])
+    load(rows, k, loads, v, i, math.inf)
+    tx, ty, tw = v.vx[i], v.vy[i], v.w[i]
     if floor.law != NONE:
         px, py, pt, stops, halts = floor_impulse(
             floor.law, vx, vy, w, tx, ty, tw, 1.0 / im, 1.0 / ii, floor.force * h,
@@ -299,45 +370,29 @@ def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndar
 
 
 @inline
+def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
+           s: np.ndarray, i: int) -> None:
+    """The gain of tile i as it goes after an impact: friction with the floor is against its new
+    way, and what bore it may have come off."""
+    h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
+    if v.mobile[i] == 0.0 or loads.gain == 0.0:  # without forces and floor there is none
+        return
+    px, py, pt = 0.0, 0.0, 0.0
+    if floor.law != NONE:
+        px, py, pt = friction_of(floor.law, vx, vy, w, 1.0 / im, 1.0 / ii, floor.force * h,
+                                 floor.torque * h, c[i], s[i])
+    load(rows, k, loads, v, i, OFF * corner_speed(k, v, i))
+    z.gainx[i], z.gainy[i] = v.vx[i] - vx + im * px, v.vy[i] - vy + im * py
+    z.gainw[i] = v.w[i] - w + ii * pt
+    v.vx[i], v.vy[i], v.w[i] = vx, vy, w
+
+
+@inline
 def share(v: Bodies, z: Scratch, i: int, part: float) -> None:
     """Give a body this part of its gain, besides."""
     v.vx[i] += part * z.gainx[i]
     v.vy[i] += part * z.gainy[i]
     v.w[i] += part * z.gainw[i]
-
-
-@lane
-def borne(rows: Rows, v: Bodies, tile: int, slow: float) -> bool:
-    """Whether a point of a tile that was pressed does not come off, faster than `slow` (m/s)."""
-    r, body, vx, vy, w = rows.field, rows.body, v.vx, v.vy, v.w
-    for p in range(rows.start[tile], rows.start[tile + 1]):
-        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-        if r[at + WARM0] + r[at + WARM1] == 0.0:
-            continue
-        a, b = U(body[t]), U(body[t + LANES])
-        along = r[at + NX] * (vx[b] - vx[a]) + r[at + NY] * (vy[b] - vy[a])
-        if ((r[at + WARM0] > 0.0 and along + r[at + BN0] * w[b] - r[at + AN0] * w[a] <= slow) or
-                (r[at + WARM1] > 0.0 and along + r[at + BN1] * w[b] - r[at + AN1] * w[a] <= slow)):
-            return True
-    return False
-
-
-@inline
-def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
-           s: np.ndarray, i: int) -> None:
-    """The gain of tile i as it goes after an impact: friction with the floor is against its new
-    way.  What has been thrown off what bore it has only those forces that are to come."""
-    h, floor, im, ii = loads.h, loads.floor, k.im, k.ii
-    if v.mobile[i] == 0.0 or loads.gain == 0.0:  # without forces and floor there is none
-        return
-    px, py, pt = 0.0, 0.0, 0.0
-    if floor.law != NONE:
-        px, py, pt = friction_of(floor.law, v.vx[i], v.vy[i], v.w[i], 1.0 / im, 1.0 / ii,
-                                 floor.force * h, floor.torque * h, c[i], s[i])
-    free = 0.0 if borne(rows, v, i, OFF * corner_speed(k, v, i)) else h
-    z.gainx[i] = im * (free * loads.fx[i] + px)
-    z.gainy[i] = im * (free * loads.fy[i] + py)
-    z.gainw[i] = ii * (free * loads.torque[i] + pt)
 
 
 @inline
@@ -352,12 +407,13 @@ def safe(gap: float, rate: float, curve: float) -> float:
 @inline
 def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: float, spin: float,
                 c: float, s: float, nx: float, ny: float, side: float, stopped: float,
-                left: float) -> Any:
+                left: float, least: float, again: float) -> float:
     """How long no corner of a square surely reaches the face that keeps it apart (s; inf where none
-    does in what is `left`), and how near the nearest of them is now (m).
+    does in what is `left`).
 
     Corners that rest there are not waited for; one that is near and leaves, faster than `stopped`
-    (m/s, negative), is looked at again `SOON`, by when it can be back by next to nothing.
+    (m/s, negative), is looked at again `SOON`, by when it can be back by next to nothing; one that
+    is there, no further than `least` (m), and has not hit, after a time `again`.
 
     From a to b the way is d, the relative velocity u, and the normal n; `side` is 1 where the face
     is a's and -1 where it is b's.  The face turns with `face`, the other square, now at c, s, with
@@ -370,7 +426,7 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
     curve = (face * face * far + 2.0 * abs(face) * (speed + radius * abs(spin))
              + spin * spin * radius)
     near, slow = TOUCHING * k.width, k.threshold + k.tolerance
-    step, nearest, soon = math.inf, math.inf, left
+    step, soon = math.inf, left
     for q in range(4):  # from the face's centre, in axes that turn with it
         rx, ry = corner_arm(q, half, c, s)
         px, py = side * dx + rx, side * dy + ry
@@ -378,13 +434,13 @@ def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: fl
         gap, vn = side * (nx * px + ny * py) - half, side * (nx * qx + ny * qy)
         bend = side * (nx * (face * face * px - spin * spin * rx + 2.0 * face * qy)
                        + ny * (face * face * py - spin * spin * ry - 2.0 * face * qx))
-        nearest = min(nearest, gap)
         if ((gap > near or abs(vn) > slow or k.h * bend < -slow)
                 and max(gap, 0.0) + soon * (vn - 0.5 * curve * soon) <= 0.0):  # sooner, perhaps
             ahead = safe(gap, vn, curve)
-            step = min(step, max(ahead, SOON * k.h) if gap < near and vn > stopped else ahead)
+            ahead = max(ahead, SOON * k.h) if gap < near and vn > stopped else ahead
+            step = min(step, max(ahead, again) if gap <= least else ahead)
             soon = min(soon, step)
-    return step, nearest
+    return step
 
 
 @inline
@@ -499,14 +555,11 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
                 break
             continue
         how = SLOW if there and count != 0.0 else how
-        step, nearest = until_touch(
+        again = (SOON if there else SAME) * k.h
+        time += until_touch(
             k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
             cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped,
-            k.h - time)
-        if nearest <= least:  # what passes by a corner is looked at again soon
-            step = max(step, BLUNT * k.width / fastest if count == 0.0
-                       else (SOON if there else SAME) * k.h)
-        time += step
+            k.h - time, least, again if count != 0.0 else BLUNT * k.width / fastest)
         if time > k.h:
             break
     return how, (time, nx, ny, an, bn, at, bt, of_a)
@@ -655,16 +708,6 @@ def corner_speed(k: Numbers, v: Bodies, i: int) -> float:
     """What no corner of a tile is faster than (m/s)."""
     return float(math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
                  + 0.7072 * k.width * abs(v.w[i]))
-
-
-@inline
-def pressed(rows: Rows, tile: int) -> bool:
-    """Whether a tile was in contact at the end of the substep before."""
-    r, carried = rows.field, 0.0
-    for p in range(rows.start[tile], rows.start[tile + 1]):
-        i = lane_of(rows.of[p])
-        carried += r[i + WARM0] + r[i + WARM1]
-    return carried > 0.0
 
 
 @lane

@@ -136,7 +136,7 @@ def solve_lanes(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bo
         mu, base, itt, idet = r[k + MU], r[k + BASE], r[k + ITT], r[k + IDET]
         two = (not lone) | (r[k + COUNT] > 1.5)
         along = nx * dvx + ny * dvy
-        vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa)
+        vt = (nx * dvy - ny * dvx) + (bt * wb - at * wa) + r[k + WANTT]
         vn0, vn1 = along + (bn0 * wb - an0 * wa), along + (bn1 * wb - an1 * wa)
         bound = mu * (base + q0 + q1)
         t2 = min(max(qt - vt * itt, -bound), bound)
@@ -150,8 +150,7 @@ def solve_lanes(r: np.ndarray, first: int, lanes: int, per_mass: float, lone: bo
         pn, pt = 0.0, 0.0
         if lone:
             pn, pt = one_point(vn0 + (r[k + WANT0] - (k00 * q0 + k01 * qt)),
-                               vt + (r[k + WANTT] - (k01 * q0 + ktt * qt)), k00, ktt, k01, itt,
-                               idet, mu, base)
+                               vt - (k01 * q0 + ktt * qt), k00, ktt, k01, itt, idet, mu, base)
         p0, p1, t = (p0 if two else pn), (p1 if two else 0.0), (t2 if two else pt)
         push(r, k, per_mass, p0 - q0, p1 - q1, t - qt)
         r[k + PN0], r[k + PN1], r[k + PT] = p0, p1, t

@@ -368,9 +368,10 @@ def oblique(mode: str, held: bool) -> Reference:
                      {"impulse": 1e-6, "energy": 1e-12})
 
 
-def rocking_drop(mu: float = 1.0) -> Reference:
-    """A tilted tile falls onto its face, about a corner that sticks; Housner's first impact."""
-    load, tilt = 0.005, 0.2  # N, rad: slow enough for a substep to see it land
+def rocking_drop(mu: float = 1.0, tilt: float = 0.2) -> Reference:
+    """A tilted (rad) tile falls onto its face, about a corner that sticks; Housner's first
+    impact."""
+    load = 0.005  # N: slow enough for a substep to see it land
     fall = rotation.rocking_fall(load, MASS, WIDTH, tilt)
     hit = rotation.rocking_impact(fall.spin, MASS, WIDTH, mu)
     wall = Reactor("rectangle", width=0.4, height=0.4, friction=mu, restitution=0.0)
