@@ -157,7 +157,7 @@ STILL = 1e-15
 # A longer list is older and has more on it that is out of reach.
 # Of up to so many tiles all pairs are few.
 PAIR_STEPS, PAIR_ROOM, PAIR_MOST, PAIR_FEW = 8.0, 0.35, 0.5, 8
-MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 3.0, 0.03, 0.1
+MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 5.0, 0.02, 0.1
 # Up to one tile in so many that comes further than assumed, and in the substep of an impact so many
 # of a small scene, has its rows added; for more, all rows are found anew.
 FEW_TILES = 8
