@@ -335,15 +335,19 @@ def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -
     Nothing, if it lies on a tile that moves, and does not come off it, faster than `slow` (m/s):
     what the two bear is not known from one of them.
     """
-    h, im, fx, fy = loads.h, k.im, loads.fx[i], loads.fy[i]
+    ux, uy, uw = (loads.h * k.im * loads.fx[i], loads.h * k.im * loads.fy[i],
+                  loads.h * k.ii * loads.torque[i])
+    most = math.sqrt(ux * ux + uy * uy) + 0.7072 * k.width * abs(uw)
+    if most == 0.0:
+        return
     among, held = lies_on(rows, v, i, slow)
     if among:
         return
-    v.vx[i] += h * im * fx
-    v.vy[i] += h * im * fy
-    v.w[i] += h * k.ii * loads.torque[i]
+    v.vx[i] += ux
+    v.vy[i] += uy
+    v.w[i] += uw
     if held:
-        bear(rows, k, v, i, BORNE * h * im * math.sqrt(fx * fx + fy * fy))
+        bear(rows, k, v, i, BORNE * most)
 
 
 @lane
