@@ -1455,6 +1455,27 @@ def test_what_is_seen_between_steps_does_not_change_what_comes(tmp_path):
     assert (state(one) == state(many)).all()
 
 
+@pytest.mark.parametrize("substeps", [1, 4])
+@pytest.mark.parametrize("turn", [0.0, 0.1, 0.3])
+def test_a_hit_on_tiles_that_magnets_press_together_keeps_momentum(turn, substeps):
+    """No floor, wall, drive or damping, whatever comes off: what a tile had of its forces before it
+    was hit, and what then bore it, are those of both."""
+    hits = 0
+    for part, speed, e, mu in product(np.linspace(0.0, 0.3, 4), (0.3, 0.8), (0.0, 0.5), (0.1, 0.6)):
+        s = simulate([tile(-0.5 * WIDTH, 0, kind="black"), tile(0.5 * WIDTH, 0, kind="white"),
+                      tile(-0.2 * WIDTH, (1.35 + part) * WIDTH, turn, 0, -speed, kind="white")],
+                     types=CHESSBOARD, magnet=Magnet(), step=1 / 480, substeps=substeps,
+                     body=material(friction=mu, restitution=e, restitution_threshold=0.01))
+        begun, _ = momentum(s)
+        s.run(0.06)
+        hits += s.counts.impacts[0]
+        while s.state.early[0] > 0:  # what is seen before a hit lacks what bears it
+            s.advance(1)
+        now, scale = momentum(s)
+        assert (np.abs(now - begun)[:2] <= 1e-12 * scale[:2]).all()
+    assert hits > 20
+
+
 def test_what_is_seen_between_steps_keeps_energy_and_momentum():
     """Those before a hit or those after it, of everything that takes part."""
     early = 0

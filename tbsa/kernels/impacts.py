@@ -54,6 +54,7 @@ from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
     AN0,
     AN1,
+    AT,
     BASE,
     BEND0,
     BEND1,
@@ -61,6 +62,7 @@ from tbsa.kernels.rows import (
     BN0,
     BN1,
     BODIES,
+    BT,
     COLOURS,
     COUNT,
     GAP0,
@@ -145,7 +147,11 @@ class Scratch(NamedTuple):
     gainx: np.ndarray  # m/s, what forces and floor give a tile in the substep
     gainy: np.ndarray
     gainw: np.ndarray  # rad/s
+    owedx: np.ndarray  # m/s, what it is to get besides when all that hits has hit
+    owedy: np.ndarray
+    owedw: np.ndarray  # rad/s
     drawn: np.ndarray  # int64, whether it has been asked for that
+    leans: np.ndarray  # int64, and lies on a tile that moves, so that forces are no part of it
     pulled: np.ndarray  # int64, the tiles that have
     kept: np.ndarray  # a block of which one row is placed again
     left: np.ndarray  # int64, the rows that an impact of this substep has left together
@@ -155,7 +161,7 @@ class Scratch(NamedTuple):
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
-    whole = {"in_it", "tiles", "struck", "island", "drawn", "pulled"}
+    whole = {"in_it", "tiles", "struck", "island", "drawn", "leans", "pulled"}
     parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
     parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-4]])
     parts += [np.zeros(int(BLOCK)), *columns(WIDE * blocks, [int, int])]
@@ -274,23 +280,29 @@ def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
     early[0] = m
 
 
+@inline
+def stays_on(r: np.ndarray, at: int, v: Bodies, a: int, b: int, slow: float) -> bool:
+    """Whether a point of a row of bodies a and b that was pressed does not come off, faster than
+    `slow` (m/s)."""
+    wa, wb = v.w[a], v.w[b]
+    along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
+    return bool((r[at + WARM0] > 0.0 and along + r[at + BN0] * wb - r[at + AN0] * wa <= slow)
+                or (r[at + WARM1] > 0.0 and along + r[at + BN1] * wb - r[at + AN1] * wa <= slow))
+
+
 @lane
 def lies_on(rows: Rows, v: Bodies, tile: int, slow: float) -> Any:
     """Whether a tile was pressed against one that moves, and does not come off it, faster than
     `slow` (m/s); and whether it was against a wall or a held one."""
-    r, body, vx, vy, w, mobile = rows.field, rows.body, v.vx, v.vy, v.w, v.mobile
-    held = False
+    r, body, mobile, held = rows.field, rows.body, v.mobile, False
     for p in range(rows.start[tile], rows.start[tile + 1]):
         at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+        a, b = U(body[t]), U(body[t + LANES])
         if r[at + WARM0] + r[at + WARM1] == 0.0:
             continue
-        a, b = U(body[t]), U(body[t + LANES])
         if mobile[a] * mobile[b] == 0.0:
             held = True
-            continue
-        along = r[at + NX] * (vx[b] - vx[a]) + r[at + NY] * (vy[b] - vy[a])
-        if ((r[at + WARM0] > 0.0 and along + r[at + BN0] * w[b] - r[at + AN0] * w[a] <= slow) or
-                (r[at + WARM1] > 0.0 and along + r[at + BN1] * w[b] - r[at + AN1] * w[a] <= slow)):
+        elif stays_on(r, at, v, a, b, slow):
             return True, held
     return False, held
 
@@ -329,25 +341,26 @@ def bear(rows: Rows, k: Numbers, v: Bodies, i: int, least: float) -> None:
 
 
 @inline
-def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -> None:
+def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -> bool:
     """Give tile i what forces and what bears it give it in the substep.
 
     Nothing, if it lies on a tile that moves, and does not come off it, faster than `slow` (m/s):
-    what the two bear is not known from one of them.
+    what the two bear is not known from one of them.  Returns whether that is so.
     """
     ux, uy, uw = (loads.h * k.im * loads.fx[i], loads.h * k.im * loads.fy[i],
                   loads.h * k.ii * loads.torque[i])
     most = math.sqrt(ux * ux + uy * uy) + 0.7072 * k.width * abs(uw)
     if most == 0.0:
-        return
+        return False
     among, held = lies_on(rows, v, i, slow)
     if among:
-        return
+        return True
     v.vx[i] += ux
     v.vy[i] += uy
     v.w[i] += uw
     if held:
         bear(rows, k, v, i, BORNE * most)
+    return False
 
 
 @lane
@@ -361,7 +374,7 @@ def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndar
     z.pulled[z.size[2]] = i
     z.size[2] += 1
     h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
-    load(rows, k, loads, v, i, math.inf)
+    z.leans[i] = 1 if load(rows, k, loads, v, i, math.inf) else 0
     tx, ty, tw = v.vx[i], v.vy[i], v.w[i]
     if floor.law != NONE:
         px, py, pt, stops, halts = floor_impulse(
@@ -373,11 +386,49 @@ def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndar
     v.vx[i], v.vy[i], v.w[i] = tx, ty, tw
 
 
+@lane
+def part_from(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
+              s: np.ndarray, i: int, gone: float) -> None:
+    """Let tiles that move and bore tile i, which comes off, have borne it in the part of the
+    substep that is `gone`: the contact solve, which follows, will not.
+
+    As in the substep before, but no more than forces press either there: else it has stopped
+    something.
+    """
+    r, body, mobile, im, ii = rows.field, rows.body, v.mobile, k.im, k.ii
+    slow = OFF * corner_speed(k, v, i)
+    for p in range(rows.start[i], rows.start[i + 1]):
+        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+        p0, p1, pt = r[at + WARM0], r[at + WARM1], r[at + WARMT]
+        a, b = body[t], body[t + LANES]
+        if p0 + p1 == 0.0 or mobile[a] * mobile[b] == 0.0 or stays_on(r, at, v, U(a), U(b), slow):
+            continue
+        nx, ny = r[at + NX], r[at + NY]
+        most = loads.h * max(nx * loads.fx[a] + ny * loads.fy[a],
+                             -nx * loads.fx[b] - ny * loads.fy[b])
+        borne = gone * min(max(most, 0.0) / (p0 + p1), 1.0)
+        p0, p1, pt = borne * p0, borne * p1, borne * pt
+        px, py = nx * (p0 + p1) - ny * pt, ny * (p0 + p1) + nx * pt
+        for j in (a, b):
+            draw(rows, k, loads, v, z, c, s, j)
+        z.owedx[a] -= im * px
+        z.owedy[a] -= im * py
+        z.owedw[a] -= ii * (r[at + AN0] * p0 + r[at + AN1] * p1 + r[at + AT] * pt)
+        z.owedx[b] += im * px
+        z.owedy[b] += im * py
+        z.owedw[b] += ii * (r[at + BN0] * p0 + r[at + BN1] * p1 + r[at + BT] * pt)
+        r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
+        r[at + WARM0] = r[at + WARM1] = r[at + WARMT] = 0.0
+
+
 @inline
 def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
-           s: np.ndarray, i: int) -> None:
-    """The gain of tile i as it goes after an impact: friction with the floor is against its new
-    way, and what bore it may have come off."""
+           s: np.ndarray, i: int, part: float) -> None:
+    """The gain of tile i as it goes after an impact, of which it then has this `part` besides:
+    friction with the floor is against its new way, and what bore it may have come off.
+
+    What lay on tiles that move, and comes off, has had no part of what forces give it.
+    """
     h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
     if v.mobile[i] == 0.0 or loads.gain == 0.0:  # without forces and floor there is none
         return
@@ -385,10 +436,16 @@ def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.nd
     if floor.law != NONE:
         px, py, pt = friction_of(floor.law, vx, vy, w, 1.0 / im, 1.0 / ii, floor.force * h,
                                  floor.torque * h, c[i], s[i])
-    load(rows, k, loads, v, i, OFF * corner_speed(k, v, i))
-    z.gainx[i], z.gainy[i] = v.vx[i] - vx + im * px, v.vy[i] - vy + im * py
-    z.gainw[i] = v.w[i] - w + ii * pt
+    slow = OFF * corner_speed(k, v, i) if z.leans[i] != 0 else -math.inf
+    leans = load(rows, k, loads, v, i, slow)
+    gx, gy, gw = v.vx[i] - vx, v.vy[i] - vy, v.w[i] - w
+    z.gainx[i], z.gainy[i], z.gainw[i] = gx + im * px, gy + im * py, gw + ii * pt
     v.vx[i], v.vy[i], v.w[i] = vx, vy, w
+    if z.leans[i] != 0 and not leans:
+        z.owedx[i] += (1.0 + part) * gx
+        z.owedy[i] += (1.0 + part) * gy
+        z.owedw[i] += (1.0 + part) * gw
+    z.leans[i] = 1 if leans else 0
 
 
 @inline
@@ -641,8 +698,11 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     vx[b] += mb * im * px
     vy[b] += mb * im * py
     w[b] += turn_b
-    redraw(rows, k, loads, v, z, c, s, a)
-    redraw(rows, k, loads, v, z, c, s, b)
+    for body_index in (a, b):
+        if v.mobile[body_index] != 0.0 and z.leans[body_index] != 0:
+            part_from(rows, k, loads, v, z, c, s, int(body_index), 1.0 + part)
+    redraw(rows, k, loads, v, z, c, s, a, part)
+    redraw(rows, k, loads, v, z, c, s, b, part)
     share(v, z, a, -part)
     share(v, z, b, -part)
     x[a] += time * (ax0 - vx[a])
@@ -1020,8 +1080,11 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
     for j in range(z.size[2]):
         i = z.pulled[j]
         share(v, z, i, -1.0)
-        z.gainx[i] = z.gainy[i] = z.gainw[i] = 0.0
-        z.drawn[i] = 0
+        v.vx[i] += z.owedx[i]
+        v.vy[i] += z.owedy[i]
+        v.w[i] += z.owedw[i]
+        z.gainx[i] = z.gainy[i] = z.gainw[i] = z.owedx[i] = z.owedy[i] = z.owedw[i] = 0.0
+        z.drawn[i] = z.leans[i] = 0
     return int(points)
 
 
@@ -1152,9 +1215,13 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 r[at + BEND0] = r[at + BEND1] = r[at + WANTT] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
+    for j in range(z.size[1]):
+        i = z.tiles[j]
+        if z.leans[i] != 0:
+            part_from(rows, k, loads, v, z, c, s, i, 1.0 + z.part[i])
     for j in range(z.size[1]):  # and back
         i, time = z.tiles[j], z.when[z.tiles[j]]
-        redraw(rows, k, loads, v, z, c, s, i)
+        redraw(rows, k, loads, v, z, c, s, i, z.part[i])
         share(v, z, i, -z.part[i])
         if time > 0.0:
             x[i] -= time * v.vx[i]
