@@ -8,10 +8,11 @@ normal impulse of compression, with friction of its own bound mu times its own i
 pair of problems may gain energy where friction couples points; the decompression of an island
 is then shortened until its kinetic energy does not rise.
 
-Impacts are those of the velocities that tiles have when they meet.  Forces and floor first give a
-tile that nothing bears its gain of the substep (`draw`), so that it goes the way that it would
-without the impact; when it hits, it has the part of the gain that goes with that time (`share`).
-Afterwards the gain is taken back, as the contact solve gives it again.
+Impacts are those of the velocities that tiles have when they meet.  Forces, floor, and the walls
+and held tiles that bear it first give a tile its gain of the substep (`draw`), so that it goes the
+way that it would without the impact; when it hits, it has the part of the gain that goes with that
+time (`share`).  Afterwards the gain is taken back, as the contact solve gives it again.  Of what
+tiles that move bear there is no gain; where they part, it is reckoned up (`part_from`).
 
 What would hit if it went on at its present rates, but does not on its arc, is let go; and what
 turns fast may hit with other corners than its row tells of.  Whatever hits in a substep does so in
