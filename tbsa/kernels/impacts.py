@@ -11,8 +11,8 @@ is then shortened until its kinetic energy does not rise.
 Impacts are those of the velocities that tiles have when they meet.  Forces, floor, and the walls
 and held tiles that bear it first give a tile its gain of the substep (`draw`), so that it goes the
 way that it would without the impact; when it hits, it has the part of the gain that goes with that
-time (`share`).  Afterwards the gain is taken back, as the contact solve gives it again.  Of what
-tiles that move bear there is no gain; where they part, it is reckoned up (`part_from`).
+time (`share`).  Afterwards the gain is taken back, as the contact solve gives it again.  What lies
+on tiles that move has no gain of forces.
 
 What would hit if it went on at its present rates, but does not on its arc, is let go; and what
 turns fast may hit with other corners than its row tells of.  Whatever hits in a substep does so in
@@ -55,7 +55,6 @@ from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
     AN0,
     AN1,
-    AT,
     BASE,
     BEND0,
     BEND1,
@@ -63,7 +62,6 @@ from tbsa.kernels.rows import (
     BN0,
     BN1,
     BODIES,
-    BT,
     COLOURS,
     COUNT,
     GAP0,
@@ -387,48 +385,14 @@ def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndar
     v.vx[i], v.vy[i], v.w[i] = tx, ty, tw
 
 
-@lane
-def part_from(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
-              s: np.ndarray, i: int, gone: float) -> None:
-    """Let tiles that move and bore tile i, which comes off, have borne it in the part of the
-    substep that is `gone`: the contact solve, which follows, will not.
-
-    As in the substep before, but no more than forces press either there: else it has stopped
-    something.
-    """
-    r, body, mobile, im, ii = rows.field, rows.body, v.mobile, k.im, k.ii
-    slow = OFF * corner_speed(k, v, i)
-    for p in range(rows.start[i], rows.start[i + 1]):
-        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-        p0, p1, pt = r[at + WARM0], r[at + WARM1], r[at + WARMT]
-        a, b = body[t], body[t + LANES]
-        if p0 + p1 == 0.0 or mobile[a] * mobile[b] == 0.0 or stays_on(r, at, v, U(a), U(b), slow):
-            continue
-        nx, ny = r[at + NX], r[at + NY]
-        most = loads.h * max(nx * loads.fx[a] + ny * loads.fy[a],
-                             -nx * loads.fx[b] - ny * loads.fy[b])
-        borne = gone * min(max(most, 0.0) / (p0 + p1), 1.0)
-        p0, p1, pt = borne * p0, borne * p1, borne * pt
-        px, py = nx * (p0 + p1) - ny * pt, ny * (p0 + p1) + nx * pt
-        for j in (a, b):
-            draw(rows, k, loads, v, z, c, s, j)
-        z.owedx[a] -= im * px
-        z.owedy[a] -= im * py
-        z.owedw[a] -= ii * (r[at + AN0] * p0 + r[at + AN1] * p1 + r[at + AT] * pt)
-        z.owedx[b] += im * px
-        z.owedy[b] += im * py
-        z.owedw[b] += ii * (r[at + BN0] * p0 + r[at + BN1] * p1 + r[at + BT] * pt)
-        r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
-        r[at + WARM0] = r[at + WARM1] = r[at + WARMT] = 0.0
-
-
 @inline
 def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
            s: np.ndarray, i: int, part: float) -> None:
     """The gain of tile i as it goes after an impact, of which it then has this `part` besides:
     friction with the floor is against its new way, and what bore it may have come off.
 
-    What lay on tiles that move, and comes off, has had no part of what forces give it.
+    What lay on tiles that move, and comes off, has had no part of what forces give it, and is owed
+    the whole of it: to take a part from it alone would change the momentum of all.
     """
     h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
     if v.mobile[i] == 0.0 or loads.gain == 0.0:  # without forces and floor there is none
@@ -699,9 +663,6 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     vx[b] += mb * im * px
     vy[b] += mb * im * py
     w[b] += turn_b
-    for body_index in (a, b):
-        if v.mobile[body_index] != 0.0 and z.leans[body_index] != 0:
-            part_from(rows, k, loads, v, z, c, s, int(body_index), 1.0 + part)
     redraw(rows, k, loads, v, z, c, s, a, part)
     redraw(rows, k, loads, v, z, c, s, b, part)
     share(v, z, a, -part)
@@ -1216,10 +1177,6 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 r[at + BEND0] = r[at + BEND1] = r[at + WANTT] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
-    for j in range(z.size[1]):
-        i = z.tiles[j]
-        if z.leans[i] != 0:
-            part_from(rows, k, loads, v, z, c, s, i, 1.0 + z.part[i])
     for j in range(z.size[1]):  # and back
         i, time = z.tiles[j], z.when[z.tiles[j]]
         redraw(rows, k, loads, v, z, c, s, i, z.part[i])
