@@ -1458,8 +1458,8 @@ def test_what_is_seen_between_steps_does_not_change_what_comes(tmp_path):
 @pytest.mark.parametrize("substeps", [1, 4])
 @pytest.mark.parametrize("turn", [0.0, 0.1, 0.3])
 def test_a_hit_on_tiles_that_magnets_press_together_keeps_momentum(turn, substeps):
-    """No floor, wall, drive or damping, whatever comes off: what a tile had of its forces before it
-    was hit, and what then bore it, are those of both."""
+    """No floor, wall, drive or damping, whatever comes off: no tile alone loses what its forces
+    have given it before it was hit."""
     hits = 0
     for part, speed, e, mu in product(np.linspace(0.0, 0.3, 4), (0.3, 0.8), (0.0, 0.5), (0.1, 0.6)):
         s = simulate([tile(-0.5 * WIDTH, 0, kind="black"), tile(0.5 * WIDTH, 0, kind="white"),
