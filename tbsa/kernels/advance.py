@@ -89,7 +89,7 @@ from tbsa.kernels.crew import (
 from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, cos_sin
 from tbsa.kernels.impacts import Loads, Scratch, forget_early, impacts, keep_together, spread_early
-from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, solo
+from tbsa.kernels.jit import NO, YES, ZERO, U, inline, kernel, lane, solo
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -714,11 +714,11 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
     rest = left * (k.h / TICKS)
     if few:
         set_all(work.turned, math.nan)  # `add_rows` takes cosines of what it looks at
-        assume(k, rest, False, x, y, angle, work, ZERO, n)
+        assume(k, rest, NO, x, y, angle, work, ZERO, n)
     else:
         crew.numbers[5] = rest
         low, high = give(crew, ASSUME, ZERO, n, LEAST_TILES)
-        assume(k, rest, True, x, y, angle, work, low, high)
+        assume(k, rest, YES, x, y, angle, work, low, high)
         collect(crew)
     if few and add_rows(rows, work.pairs, k, x, y, angle, c, s, v.mobile, v.moved, way, far,
                         widest(n, x, y, work.pairs, way)) >= 0:
@@ -792,7 +792,7 @@ def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts
     further = beyond(k, time, x, y, angle, work)
     if further == 0 or further > max(n // FEW_TILES, FEW_TILES):
         return False
-    assume(k, time, False, x, y, angle, work, ZERO, n)
+    assume(k, time, NO, x, y, angle, work, ZERO, n)
     found = add_rows(work.rows, work.pairs, k, x, y, angle, work.c, work.s, v.mobile, v.moved,
                      work.way, work.far, widest(n, x, y, work.pairs, work.way))
     counts.surprises[0] += 1
@@ -1019,7 +1019,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     set_all(rows.effort, ZERO)
     error, done, wanted, overlap = OK, 0, TICKS, 0.0
     fresh = last[1] == 0  # nothing has looked ahead yet
-    loaded, counted = True, so_far(rows, counts)  # loaded by what was there before
+    loaded, counted = YES, so_far(rows, counts)  # loaded by what was there before
     promised = max(last[1], 1)
     kh = with_substep(k, k.h)
     slow, slow_spin = damping(kh)
@@ -1200,7 +1200,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
                 work.turning, work.magnets, me, crew.size, first, last)
             crew.found[me * LINE], crew.found[me * LINE + 1] = pairs, left
         elif what == ASSUME:
-            assume(k, crew.numbers[5], True, x, y, angle, work, first, last)
+            assume(k, crew.numbers[5], YES, x, y, angle, work, first, last)
         elif what == BEYOND:
             crew.found[me * LINE] = mark_beyond(k, crew.numbers[5], x, y, angle, work, first, last)
         elif what == PACE:

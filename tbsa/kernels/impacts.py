@@ -633,14 +633,14 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     """
     r, body = rows.field, rows.body
     i, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
-    a, b = U(body[t]), U(body[t + LANES])
+    a, b = body[t], body[t + LANES]
     time, nx, ny, an, bn, at, bt, of_a = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
     ma, mb, part = v.mobile[a], v.mobile[b], time / loads.h - 0.5
     ax0, ay0, aw0, bx0, by0, bw0 = vx[a], vy[a], w[a], vx[b], vy[b], w[b]
     for body_index in (a, b):
         if time > loads.end and v.mobile[body_index] != 0.0:
-            note_early(loads, v, x, y, angle, int(body_index))
+            note_early(loads, v, x, y, angle, body_index)
     share(v, z, a, part)
     share(v, z, b, part)
     knn = im * (ma + mb) + ii * (ma * an * an + mb * bn * bn)
@@ -648,7 +648,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     knt = ii * (ma * an * at + mb * bn * bt)
     vn = nx * (vx[b] - vx[a]) + ny * (vy[b] - vy[a]) + bn * w[b] - an * w[a]
     vt = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a]) + bt * w[b] - at * w[a]
-    e, mu, round_wall = r[i + E], r[i + MU], b == U(k.n) and k.wall == CIRCLE
+    e, mu, round_wall = r[i + E], r[i + MU], b == k.n and k.wall == CIRCLE
     pn, pt = routh(vn, vt, knn, ktt, knt, mu, e)
     back = 0.5 * (k.h - time) * closing(
         w[a] - ma * ii * (an * pn + at * pt), w[b] + mb * ii * (bn * pn + bt * pt),
@@ -995,7 +995,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
     """
     r, body, hits, mobile, queue = rows.field, rows.body, rows.hits, v.mobile, z.queue
     points, size, begun = ZERO, ZERO, 0.0
-    set_all(z.struck, 0)
+    set_all(z.struck, ZERO)
     z.size[2] = 0
     known, how, meet = -1, LATER, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     for block in range(rows.first[COLOURS]):

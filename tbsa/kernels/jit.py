@@ -35,9 +35,11 @@ from numba.core.registry import CPUDispatcher
 # An index that came out of an array: unsigned, as the constants that places are counted with, or
 # Numba would make a float of their sum.
 U = np.uintp
-# As an argument, or where a whole number begins that becomes one: a plain 0 has a type of its own,
-# and a helper would be compiled once more for it.
+# As arguments, or where a number begins that becomes one: a plain 0, True or False has a type of
+# its own, and a helper would be compiled once more for it.
 ZERO: Any = np.int64(0)
+YES: Any = np.bool_(True)
+NO: Any = np.bool_(False)
 
 config: Any = numba.config
 njit: Any = numba.njit  # its stubs know fewer options than it has

@@ -14,7 +14,7 @@ import numpy as np
 from tbsa.kernels.arrays import copy
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import Crew
-from tbsa.kernels.jit import ZERO, U, apart, inline, lane
+from tbsa.kernels.jit import YES, ZERO, U, apart, inline, lane
 from tbsa.kernels.manifold import push
 from tbsa.kernels.rows import (
     BASE,
@@ -221,7 +221,7 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
     """
     now, queued = rows.now, rows.queued
     tolerance, little = k.tolerance, LITTLE * k.tolerance
-    done, fresh = -1 - k.passes, True
+    done, fresh = -1 - k.passes, YES
     age, before, beta = ZERO, math.inf, 0.0
     for j in range(size):
         set_past(rows.field, lane_of(now[j]))
@@ -231,7 +231,7 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
             for j in range(size):
                 queued[now[j]] = 0
             begin_blocks(rows, fresh)
-            many, worst = sweep_rows(rows, k, v, True, crew)
+            many, worst = sweep_rows(rows, k, v, YES, crew)
             square, onward = slope_blocks(rows)
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
             found = ZERO if whole else queue_changed(rows, k.n, ZERO, v, little)

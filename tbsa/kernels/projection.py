@@ -300,7 +300,7 @@ def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np
     begin, last = give(crew, DEEP, ZERO, first[COLOURS], LEAST_BLOCKS)
     find_deep(rows, k, begin, last)
     collect(crew)
-    size = 0
+    size = ZERO
     for block in range(first[COLOURS]):
         if rows.hits[block] == 0:
             continue

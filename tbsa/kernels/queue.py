@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbsa.kernels.jit import inline
+from tbsa.kernels.jit import ZERO, inline
 
 
 class Queue(NamedTuple):
@@ -73,5 +73,5 @@ def take(queue: Queue) -> int:
     queue.place[row] = 0
     queue.size[0] -= 1
     if queue.size[0] > 0:
-        sift(queue, queue.heap[queue.size[0]], 0)
+        sift(queue, queue.heap[queue.size[0]], ZERO)
     return int(row)

@@ -329,7 +329,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
         a, b, code = na[j], nb[j], new_corner[j]
         ra[to], rb[to], corner[to], slot[to] = a, b, code, (block + j) * int(BLOCK)
         empty_block(rows, block + j, n, BLOCK)
-        fill_lane(rows, U(slot[to]), (block + j) * int(BODIES), a, b, k, mobile)
+        fill_lane(rows, U(slot[to]), U(block + j) * BODIES, a, b, k, mobile)
         if b == n:
             field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = 2.0 * code, -1.0
         j -= 1

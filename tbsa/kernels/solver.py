@@ -18,7 +18,7 @@ from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import LEAST_TILES, LINE, SCALE, WORK, Crew, collect, give
 from tbsa.kernels.floor import FloorLaw
-from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.jit import YES, ZERO, U, inline, lane
 from tbsa.kernels.momentum import PLAIN, hasten
 from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
 from tbsa.kernels.sweeps import (
@@ -51,7 +51,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
     now, queued = rows.now, rows.queued
     little = LITTLE * k.tolerance
     set_all(v.moved, ZERO)
-    done, whole, listed = -1 - k.passes, True, False
+    done, whole, listed = -1 - k.passes, YES, False
     size = ZERO
     for p in range(k.passes):
         if floor.law == 0 and p == PLAIN:

@@ -25,8 +25,6 @@ from tbsa.kernels.crew import (
     give,
 )
 from tbsa.kernels.floor import (
-    COUPLED,
-    EXACT,
     SEPARATE,
     FloorLaw,
     floor_impulse,
@@ -333,12 +331,9 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
     if floor.law == SEPARATE:
         for i in range(first, last):
             change[i] = floor_below(SEPARATE, i, floor, k, c, s, v)
-    elif floor.law == COUPLED:
-        for i in range(first, last):
-            change[i] = floor_below(COUPLED, i, floor, k, c, s, v)
     else:
         for i in range(first, last):
-            change[i] = floor_below(EXACT, i, floor, k, c, s, v)
+            change[i] = floor_below(floor.law, i, floor, k, c, s, v)
 
 
 @inline
@@ -447,8 +442,8 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
         moved[stirred[j]] = 0
     if floor.law != 0:
         for j in range(tiles):  # the ground's is as good as any number
-            i = stirred[j]
-            change[i] = floor_below(floor.law, i, floor, k, c, s, v) if i < k.n else 0.0
+            i = U(stirred[j])
+            change[i] = floor_below(floor.law, i, floor, k, c, s, v) if i < U(k.n) else 0.0
         for j in range(tiles):
             if change[stirred[j]] > little:
                 m = queue(rows, v, stirred[j], m)
