@@ -30,6 +30,7 @@ import numpy as np
 from tbsa.kernels.arrays import columns, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import (
+    GRAZED,
     NEVER,
     NOTED,
     RESTS,
@@ -307,22 +308,30 @@ def lies_on(rows: Rows, v: Bodies, tile: int, slow: float) -> Any:
 
 
 @inline
-def bears(warm: float, gap: float, vn: float, k: Numbers) -> bool:
-    """Whether a point bears what presses there: it did, or touches and does not hit."""
-    return warm > 0.0 or (gap < NOWHERE * k.width and vn >= -(k.threshold + k.tolerance))
+def bears(warm: float, stopped: float, gap: float, vn: float, k: Numbers) -> bool:
+    """Whether a point bears what presses there: it did (`stopped`: how much, m/s), or touches, and
+    does not come as what hits does: that bears nothing yet, and its speed is for the impact."""
+    return stopped > GRAZED * k.tolerance or (
+        vn >= -k.threshold and (warm > 0.0 or gap < NOWHERE * k.width))
 
 
 @lane
-def bear(rows: Rows, k: Numbers, v: Bodies, i: int, least: float) -> None:
+def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: float,
+         least: float) -> None:
     """Let walls and held tiles bear tile i as they did in the substep before: as the contact solve,
-    of this tile alone, to `least` (m/s)."""
+    of this tile alone, to `least` (m/s).  It has gone with vx, vy, w."""
     r, body, mobile = rows.field, rows.body, v.mobile
     for number in range(k.passes):
         most = 0.0
         for p in range(rows.start[i], rows.start[i + 1]):
             at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-            first = bears(r[at + WARM0], r[at + GAP0], r[at + VN0], k)
-            second = bears(r[at + WARM1], r[at + GAP1], r[at + VN1], k)
+            of_a = body[t] == i
+            side = -1.0 if of_a else 1.0
+            along = side * (r[at + NX] * vx + r[at + NY] * vy)
+            vn0 = along + side * w * (r[at + AN0] if of_a else r[at + BN0])
+            vn1 = along + side * w * (r[at + AN1] if of_a else r[at + BN1])
+            first = bears(r[at + WARM0], r[at + K00] * r[at + WARM0], r[at + GAP0], vn0, k)
+            second = bears(r[at + WARM1], r[at + K11] * r[at + WARM1], r[at + GAP1], vn1, k)
             if (r[at + COUNT] == 0.0 or mobile[body[t]] * mobile[body[t + LANES]] != 0.0
                     or not (first or second)):
                 continue
@@ -354,11 +363,10 @@ def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -
     among, held = lies_on(rows, v, i, slow)
     if among:
         return True
-    v.vx[i] += ux
-    v.vy[i] += uy
-    v.w[i] += uw
+    vx, vy, w = v.vx[i], v.vy[i], v.w[i]
+    v.vx[i], v.vy[i], v.w[i] = vx + ux, vy + uy, w + uw
     if held:
-        bear(rows, k, v, i, BORNE * most)
+        bear(rows, k, v, i, vx, vy, w, BORNE * most)
     return False
 
 
@@ -674,7 +682,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     y[b] += time * (by0 - vy[b])
     angle[b] += time * (bw0 - w[b])
     for body_index in (a, b):
-        if body_index == U(k.n) or v.mobile[body_index] == 0.0:
+        if body_index == k.n or v.mobile[body_index] == 0.0:
             continue
         c[body_index], s[body_index] = cos_sin(angle[body_index])
         z.since[body_index] = time
@@ -684,7 +692,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     for body_index in (a, b):
         if v.mobile[body_index] == 0.0:
             continue
-        for p in range(rows.start[body_index], rows.start[body_index + U(1)]):
+        for p in range(rows.start[body_index], rows.start[body_index + 1]):
             if rows.of[p] != row:
                 look_again(rows, rows.of[p], k, threshold, loads, v, z, x, y, angle, c, s)
 
@@ -927,14 +935,18 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
     for p in range(rows.start[tile], rows.start[tile + 1]):
         other = rows.of[p]
         i = lane_of(other)
-        hits = r[i + HIT] != 0.0
-        if other == row or (r[i + COUNT] == 0.0 and not hits):
+        count, hit = r[i + COUNT], r[i + HIT]
+        if other == row or (count == 0.0 and hit == 0.0):
             continue
-        leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and r[i + VN0] > slow
-                  and (r[i + COUNT] == 1.0 or r[i + VN1] > slow))
-        touches = z.points[other] != 0 or (
-            not leaves and min(r[i + GAP0], r[i + GAP1]) < touching(r, i, k.width))
-        if time[other] - time[row] <= SAME * k.h if hits else touches:
+        if hit != 0.0 and time[other] - time[row] <= SAME * k.h:
+            return TOGETHER
+        # What rests on one corner may be about to hit with the other one.
+        first, second = (hit == 0.0 or hit == 2.0), (count == 2.0 and (hit == 0.0 or hit == 1.0))
+        gap = min(r[i + GAP0] if first else math.inf, r[i + GAP1] if second else math.inf)
+        leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and (r[i + VN0] > slow or not first)
+                  and (r[i + VN1] > slow or not second))
+        if (hit == 0.0 and z.points[other] != 0) or (
+                not leaves and gap < touching(r, i, k.width)):
             return TOGETHER
     return ALONE
 
