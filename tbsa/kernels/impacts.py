@@ -97,7 +97,7 @@ from tbsa.kernels.rows import (
 )
 from tbsa.kernels.sweeps import lane_of, solve_row
 
-# Points nearer than this fraction of the width take part in an impact of their tiles.
+# Points nearer than this fraction of the width take part in an impact of their tiles, at most.
 TOUCHING = 1e-3
 # Two points of a manifold whose gaps differ by less hit together.
 FLUSH = 1e-6
@@ -118,6 +118,8 @@ NOWHERE = 1e-5
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
 # What was pressed comes off if it goes faster than this part of its tile's fastest corner.
 OFF = 0.01
+# What was pressed hits if it comes faster than this part of that, and than a solve leaves it.
+PARTED = 0.05
 # What bears a tile is found up to this part of what forces give it in the substep.
 BORNE = 1e-3
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
@@ -308,11 +310,14 @@ def lies_on(rows: Rows, v: Bodies, tile: int, slow: float) -> Any:
 
 
 @inline
-def bears(warm: float, stopped: float, gap: float, vn: float, k: Numbers) -> bool:
-    """Whether a point bears what presses there: it did (`stopped`: how much, m/s), or touches, and
-    does not come as what hits does: that bears nothing yet, and its speed is for the impact."""
-    return stopped > GRAZED * k.tolerance or (
-        vn >= -k.threshold and (warm > 0.0 or gap < NOWHERE * k.width))
+def bears(warm: float, stopped: float, gap: float, vn: float, slow: float, k: Numbers) -> bool:
+    """Whether a point bears what presses there: it did (`stopped`: how much, m/s), or touches.
+
+    Not if it comes faster than `slow` (m/s), or as what hits does: its speed is for the impact.
+    """
+    little = GRAZED * k.tolerance
+    return (vn >= -(slow if stopped > little else k.threshold + little)
+            and (warm > 0.0 or gap < NOWHERE * k.width))
 
 
 @lane
@@ -321,6 +326,8 @@ def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: flo
     """Let walls and held tiles bear tile i as they did in the substep before: as the contact solve,
     of this tile alone, to `least` (m/s).  It has gone with vx, vy, w."""
     r, body, mobile = rows.field, rows.body, v.mobile
+    slow = max(k.threshold + k.tolerance, PARTED * (
+        math.sqrt(vx * vx + vy * vy) + 0.7072 * k.width * abs(w)))
     for number in range(k.passes):
         most = 0.0
         for p in range(rows.start[i], rows.start[i + 1]):
@@ -330,8 +337,8 @@ def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: flo
             along = side * (r[at + NX] * vx + r[at + NY] * vy)
             vn0 = along + side * w * (r[at + AN0] if of_a else r[at + BN0])
             vn1 = along + side * w * (r[at + AN1] if of_a else r[at + BN1])
-            first = bears(r[at + WARM0], r[at + K00] * r[at + WARM0], r[at + GAP0], vn0, k)
-            second = bears(r[at + WARM1], r[at + K11] * r[at + WARM1], r[at + GAP1], vn1, k)
+            first = bears(r[at + WARM0], r[at + K00] * r[at + WARM0], r[at + GAP0], vn0, slow, k)
+            second = bears(r[at + WARM1], r[at + K11] * r[at + WARM1], r[at + GAP1], vn1, slow, k)
             if (r[at + COUNT] == 0.0 or mobile[body[t]] * mobile[body[t + LANES]] != 0.0
                     or not (first or second)):
                 continue
@@ -731,9 +738,21 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
 def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads, v: Bodies,
                z: Scratch, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
                s: np.ndarray) -> None:
-    """Whether and when a row hits after an impact of one of its tiles."""
+    """Whether and when a row hits after an impact of one of its tiles.
+
+    A pressed point that it throws on, faster than a solve leaves it, hits like any other.
+    """
     place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
-    if rows.field[lane_of(row) + HIT] != 0.0:
+    r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+    slow = max(threshold + k.tolerance, PARTED * max(
+        corner_speed(k, v, rows.body[t]), corner_speed(k, v, rows.body[t + LANES])))
+    first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
+    second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
+    if first or second:
+        r[at + PN0] = 0.0 if first else r[at + PN0]
+        r[at + PN1] = 0.0 if second else r[at + PN1]
+        place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
+    if r[at + HIT] != 0.0:
         expect(rows, row, k, loads, v, z, x, y, angle, c, s)
 
 
@@ -802,7 +821,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
         left = max(k.h - time, SAME * k.h) if moved else k.h
         nearest = max(min(gap0, gap1), 0.0) if hit > 0.0 else 0.0
-        touch = touching(r, at, k.width)
+        touch = touching(r, at, k)
         r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
         r[at + WANT1] = may_close(gap1, nearest, touch, left, k.width)
         r[at + WANTT] = 0.0
@@ -849,7 +868,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                         gap = gap_in(r, i + GAP0, z.time[q])
                         if r[i + COUNT] == 2.0:
                             gap = min(gap, gap_in(r, i + GAP1, z.time[q]))
-                        if gap > touching(r, i, k.width) and z.points[other] == 0:
+                        if gap > touching(r, i, k) and z.points[other] == 0:
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
                         enter(rows, other, k, v, z, x, y, angle, c, s, loads, begun)
@@ -921,10 +940,11 @@ def note_energy(k: Numbers, vx: np.ndarray, vy: np.ndarray, w: np.ndarray, z: Sc
 
 
 @inline
-def touching(r: np.ndarray, i: int, width: float) -> float:
+def touching(r: np.ndarray, i: int, k: Numbers) -> float:
     """How near the points of the row in lane i are (m) where its tiles touch: exactly, unless they
-    were pressed together, and the last solve has left something."""
-    return float((TOUCHING if r[i + WARM0] + r[i + WARM1] > 0.0 else NOWHERE) * width)
+    were pressed together: then as a solve, with its tolerance, leaves them."""
+    most = min(TOUCHING * k.width, 2.0 * k.tolerance * k.h)
+    return max(most if r[i + WARM0] + r[i + WARM1] > 0.0 else 0.0, NOWHERE * k.width)
 
 
 @inline
@@ -946,7 +966,7 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and (r[i + VN0] > slow or not first)
                   and (r[i + VN1] > slow or not second))
         if (hit == 0.0 and z.points[other] != 0) or (
-                not leaves and gap < touching(r, i, k.width)):
+                not leaves and gap < touching(r, i, k)):
             return TOGETHER
     return ALONE
 
