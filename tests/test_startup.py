@@ -15,13 +15,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import llvmlite.binding
 import numpy as np
 import pytest
 from numba.core import types
+from numba.core.callconv import CPUCallConv
 from numba.core.registry import cpu_target
 
 import tbsa
-from tbsa.kernels import drives, geometry, jit, rows
+from tbsa.kernels import arrays, drives, geometry, jit, rows
+from tbsa.kernels.jit import U
 from tbsa.work import cli
 from tbsa.work.report import DONE, LEFT_OUT, work
 
@@ -252,19 +255,82 @@ def test_a_helper_of_arrays_cannot_be_called_from_python():
 
 def test_numba_is_as_it_was_once_a_kernel_is_compiled():
     """And finds for numbers what it has always found."""
-    before = types.BaseFunction.get_call_type
+    before, status = types.BaseFunction.get_call_type, CPUCallConv._get_return_status
     context = cpu_target.typing_context
+    context.refresh()
     plus = context.resolve_value_type(operator.add)
-    with jit._typed_once():
+    with jit._as_kernels_are():
         assert types.BaseFunction.get_call_type is not before
+        assert CPUCallConv._get_return_status is not status
         for a, b in itertools.product((types.int64, types.uint64, types.float64, types.boolean),
                                       repeat=2):
             found = [plus.get_call_type(context, (a, b), {}) for _ in range(2)]
             assert found[0] == found[1] == before(plus, context, (a, b), {})
     assert types.BaseFunction.get_call_type is before
-    with pytest.raises(RuntimeError), jit._typed_once():
+    with pytest.raises(RuntimeError), jit._as_kernels_are():
         raise RuntimeError
     assert types.BaseFunction.get_call_type is before
+    assert CPUCallConv._get_return_status is status
+
+
+def test_every_loop_of_a_rolled_helper_is_kept_from_being_unrolled():
+    """Each jump back has the note, under a name of its own; what jumps forward has none."""
+    code = """define void @two(i64 %n) {
+entry:
+  br label %outer
+outer:
+  br label %inner
+inner:
+  %more = icmp eq i64 %n, 0
+  br i1 %more, label %inner, label %end
+end:
+  %again = icmp eq i64 %n, 1
+  br i1 %again, label %outer, label %out
+out:
+  ret void
+}
+define void @none() {
+inner:
+  br label %end
+end:
+  ret void
+}
+"""
+    marked = jit.keep_loops(code)
+    notes = [line.rpartition("!llvm.loop ")[2] for line in marked.splitlines() if "!llvm" in line
+             and "br " in line]
+    assert len(notes) == len(set(notes)) == 2
+    assert "label %inner, label %end, !llvm.loop" in marked
+    assert "label %outer, label %out, !llvm.loop" in marked
+    module = llvmlite.binding.parse_assembly(marked)
+    module.verify()
+    assert str(module).count("llvm.loop.unroll.disable") == 1
+    assert jit.keep_loops("define void @f() {\n  ret void\n}").count("!") == 0
+
+
+def mark_deep(r, low):
+    some = 0
+    for i in range(U(4)):
+        deep = (r[i] + r[i + U(4)] < low) & (r[i + U(8)] > 0.5)
+        r[i + U(12)] = 1.0 if deep else 0.0
+        r[i + U(16)] = 0.0 if r[i] > 0.0 else r[i + U(16)]
+        some += 1 if deep else 0
+    return some
+
+
+@pytest.mark.parametrize(("mark", "vectors"), [(jit.rolled, True), (jit.lane, False)])
+def test_a_short_loop_of_a_rolled_helper_becomes_vector_code(mark, vectors):
+    """Whose arithmetic is on several numbers at a time; unrolled, it is on one after the other."""
+    helper, r = mark(mark_deep), np.ones(24)
+
+    def call(r, low):
+        r = arrays.lean(r)
+        return helper(r, low) + helper(r, -low)
+
+    kernel = jit._compiled(call, jit._SoloCompiler)
+    assert kernel(r, 3.0) == 4
+    code = "".join(kernel.inspect_llvm().values())
+    assert bool(re.search(r"fadd <\d+ x double>", code)) == vectors
 
 
 # tbsa warmup.

@@ -89,7 +89,7 @@ from tbsa.kernels.crew import (
 from tbsa.kernels.floor import EXACT, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, cos_sin
 from tbsa.kernels.impacts import Loads, Scratch, forget_early, impacts, keep_together, spread_early
-from tbsa.kernels.jit import NO, YES, ZERO, U, inline, kernel, lane, solo
+from tbsa.kernels.jit import NO, YES, ZERO, U, inline, kernel, lane, rolled, solo
 from tbsa.kernels.magnets import (
     MagnetLaw,
     MagnetPairs,
@@ -300,7 +300,7 @@ def note_still(steps: int, begun: Any, rows: Rows, counts: Counts) -> None:
         number[0] += steps * (now[i + 7] - begun[i + 7])
 
 
-@lane
+@rolled
 def kick(k: Numbers, h: float, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, v: Bodies,
          kicked: Bodies, noted: bool, begin: int, end: int) -> None:
     """Give every mobile one of these tiles the impulse of the forces; where a solve follows, with
@@ -334,7 +334,7 @@ def stopping(start: float, trial: float, bound: float) -> float:
     return min(start / slowing, 1.0) if slowing > 0.0 else 1.0
 
 
-@lane
+@rolled
 def find_stopped(k: Numbers, v: Bodies, v0: Bodies, begin: int, end: int) -> int:
     """Mark in ``moved`` which of these tiles friction has stopped without any contact: 1 its way,
     2 its turn.  `v0` are the velocities before the solve.  Returns whether there are any."""
@@ -389,7 +389,7 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, v: Bodies, x: np.ndarray
             angle[i] -= 0.5 * k.h * rest * uw
 
 
-@inline
+@rolled
 def turn(begin: int, end: int, angle: np.ndarray, turned: np.ndarray, c: np.ndarray,
          s: np.ndarray) -> None:
     """Cosine and sine of the angles of these tiles, unless they are there: from the first on that
@@ -402,7 +402,7 @@ def turn(begin: int, end: int, angle: np.ndarray, turned: np.ndarray, c: np.ndar
         turned[i] = angle[i]
 
 
-@inline
+@rolled
 def turn_again(begin: int, end: int, known: bool, angle: np.ndarray, work: Work) -> None:
     """Cosine and sine of the angles of these tiles, or if they are known those of the middle of
     the half."""
@@ -413,7 +413,7 @@ def turn_again(begin: int, end: int, known: bool, angle: np.ndarray, work: Work)
         turn(begin, end, angle, work.turned, work.c, work.s)
 
 
-@inline
+@rolled
 def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarray,
           angle: np.ndarray) -> None:
     """Move these tiles for a time h."""
@@ -424,7 +424,7 @@ def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarra
         angle[i] += h * w[i]
 
 
-@inline
+@rolled
 def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None:
     """Slow these tiles down by these factors, if they do."""
     if linear == 1.0 and angular == 1.0:
@@ -436,7 +436,7 @@ def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None
         w[i] *= angular
 
 
-@lane
+@rolled
 def assume(k: Numbers, left: float, everyone: bool, x: np.ndarray, y: np.ndarray,
            angle: np.ndarray, work: Work, begin: int, end: int) -> None:
     """How far centre and corners of each of these tiles, or of those marked in ``moved``, may come
@@ -482,7 +482,7 @@ def beyond(k: Numbers, left: float, x: np.ndarray, y: np.ndarray, angle: np.ndar
     return int(some)
 
 
-@lane
+@rolled
 def mark_beyond(k: Numbers, left: float, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                 work: Work, begin: int, end: int) -> int:
     """The same for these tiles."""
@@ -623,7 +623,7 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     return OK if fits(found, ahead, near.p.size) else MORE_MAGNETS
 
 
-@lane
+@rolled
 def look_ahead(half: float, law: MagnetLaw, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
                work: Work, begin: int, end: int) -> None:
     """Where these tiles and their magnets will be in a time `half`."""

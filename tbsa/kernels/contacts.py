@@ -24,7 +24,7 @@ from tbsa.kernels.geometry import (
     square_square,
     wall_square,
 )
-from tbsa.kernels.jit import U, inline, lane
+from tbsa.kernels.jit import U, inline, lane, rolled
 from tbsa.kernels.rows import (
     AN0,
     AN1,
@@ -211,7 +211,7 @@ def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float, wal
     rows.single[block] = lone if some > 0 else IDLE
 
 
-@inline
+@rolled
 def out_of_reach(rows: Rows, block: int, width: float, h: float, gain: float) -> bool:
     """Whether no pair of a block touches or may hit: each is too far apart, or its corners pass
     each other.  `place_pairs` would find the same, with more work."""
@@ -239,6 +239,15 @@ def leave_out(rows: Rows, block: int) -> None:
         r[o + COUNT + i] = r[o + HIT + i] = r[o + PN0 + i] = r[o + PN1 + i] = r[o + PT + i] = 0.0
         r[o + WARM0 + i] = r[o + WARM1 + i] = r[o + WARMT + i] = 0.0
     rows.single[block] = IDLE
+
+
+@inline
+def put_aside(rows: Rows, block: int) -> None:
+    """What `weigh_block` says of a block in which nothing touches or may hit."""
+    queued, first = rows.queued, U(block) * LANES
+    rows.hits[block] = rows.live[block] = 0
+    for i in range(LANES):
+        queued[first + i] = 1
 
 
 @inline
@@ -311,6 +320,7 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
     """
     r, per_h, least = rows.field, 1.0 / h, GRAZED * tolerance
     o, slow = U(block) * BLOCK, threshold + tolerance + per_h * gain
+    queued, first = rows.queued, U(block) * LANES
     some, live = 0, 0
     for i in range(LANES):
         ma, mb = r[o + MA + i], r[o + MB + i]
@@ -360,21 +370,30 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
         some += 1 if perhaps | hit0 | hit1 else 0
         live += 1 if closes0 | closes1 | pressed | rests else 0
     rows.hits[block], rows.live[block] = some, live
-    queued, first = rows.queued, U(block) * LANES
     for i in range(LANES):
         queued[first + i] = 1 if r[o + COUNT + i] == 0.0 else 0
     return some
 
 
-@inline
-def deepest_gap(rows: Rows, block: int) -> float:
-    """Deepest overlap of the rows of a block that are in contact, as a gap < 0; else 0 (m)."""
-    r = rows.field
-    o = U(block) * BLOCK
-    deepest = 0.0
+@rolled
+def any_deeper(r: np.ndarray, o: int, deepest: float) -> bool:
+    """Whether a row of the block at `o` is in contact, and deeper than this gap (m)."""
+    some = 0
     for i in range(LANES):
-        gap = min(r[o + GAP0 + i], r[o + GAP1 + i])
-        deepest = min(deepest, gap if r[o + COUNT + i] != 0.0 else 0.0)
+        deeper = (r[o + GAP0 + i] < deepest) | (r[o + GAP1 + i] < deepest)
+        some += 1 if deeper & (r[o + COUNT + i] != 0.0) else 0
+    return some > 0
+
+
+@lane
+def deepest_gap(rows: Rows, block: int, deepest: float) -> float:
+    """The deepest overlap, as a gap < 0 (m), of the rows of a block that are in contact, and this
+    one; few blocks have a deeper one."""
+    r, o = rows.field, U(block) * BLOCK
+    if any_deeper(r, o, deepest):
+        for i in range(LANES):
+            gap = min(r[o + GAP0 + i], r[o + GAP1 + i])
+            deepest = min(deepest, gap if r[o + COUNT + i] != 0.0 else 0.0)
     return deepest
 
 
@@ -406,7 +425,10 @@ def place_rows(rows: Rows, k: Numbers, x: np.ndarray, y: np.ndarray, c: np.ndarr
             for block in range(start, end):
                 place_block(rows, block, k, gain, x, y, c, s, v)
         for block in range(start, end):
+            if rows.single[block] == IDLE:
+                put_aside(rows, block)
+                continue
             struck += weigh_block(rows, block, k.h, per_mass, k.threshold, k.tolerance,
                                   RESTS * k.width, gain)
-            deepest = min(deepest, deepest_gap(rows, block))
+            deepest = deepest_gap(rows, block, deepest)
     return struck, -deepest

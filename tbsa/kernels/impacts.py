@@ -70,6 +70,7 @@ from tbsa.kernels.rows import (
     HIT,
     I00,
     I11,
+    IDLE,
     K00,
     K11,
     LANES,
@@ -717,6 +718,8 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
     for i in range(LANES):
         others |= (i != lane) & (r[first + MA + i] + r[first + MB + i] != 0.0)
     if others:
+        if single == IDLE:  # nobody has weighed them yet
+            weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, RESTS * k.width, gain)
         for i in range(BLOCK):
             kept[i] = r[first + i]
     place_block(rows, block, k, gain, x, y, c, s, v)

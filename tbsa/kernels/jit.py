@@ -25,8 +25,9 @@ import llvmlite.binding
 import numba
 import numpy as np
 from llvmlite.binding import Linkage
-from numba.core import sigutils, types
+from numba.core import cgutils, sigutils, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.callconv import CPUCallConv
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -190,6 +191,36 @@ class _RawApart(_Raw):
         super().add_ir_module(ir_module)
 
 
+class _RawRolled(_Raw):
+    """The same of a helper whose loops are to become vector code."""
+
+    def add_llvm_module(self, ll_module: Any) -> None:
+        """Tell LLVM before it sees them that short ones are not to be unrolled."""
+        module = llvmlite.binding.parse_assembly(keep_loops(str(ll_module)))
+        module.name = ll_module.name
+        super().add_llvm_module(module)
+
+
+def keep_loops(code: str) -> str:
+    """LLVM's code of a function with the note on every jump back that its loop is not to be
+    unrolled: each has a name of its own, which is that of a list that begins with itself."""
+    lines, seen = code.splitlines(), set[str]()
+    names: list[str] = []
+    for i, line in enumerate(lines):
+        label = re.match(r'"?([^\s":]+)"?:', line)
+        if label:
+            seen.add(label.group(1))
+        elif line.startswith("define"):
+            seen = set()
+        elif line.lstrip().startswith("br ") and seen & set(re.findall(r'%"?([^\s",]+)', line)):
+            names.append(f"!{10**6 + len(names)}")
+            lines[i] = f"{line}, !llvm.loop {names[-1]}"
+    note = f"!{10**6 - 1}"
+    lines += [f"{name} = distinct !{{{name}, {note}}}" for name in names]
+    lines += [f'{note} = !{{!"llvm.loop.unroll.disable"}}'] if names else []
+    return "\n".join(lines)
+
+
 class _Whole(JITCodeLibrary):
     """The code of a kernel, with that of all its helpers."""
 
@@ -232,6 +263,10 @@ class _LaneCompiler(_PartCompiler):
     always_inline = True
 
 
+class _RolledCompiler(_LaneCompiler):
+    kind = _RawRolled
+
+
 class _ApartCompiler(_PartCompiler):
     kind = _RawApart
 
@@ -241,14 +276,19 @@ _TYPED: dict[tuple[Any, tuple[Any, ...]], Any] = {}
 
 
 @contextlib.contextmanager
-def _typed_once() -> Iterator[None]:
-    """While a kernel is compiled, find the type of an operation on numbers once for all its places.
+def _as_kernels_are() -> Iterator[None]:
+    """While a kernel is compiled, leave out what it does not need.
 
-    Numba looks through NumPy's tables at each of them, though there are a few hundred kinds of
-    tens of thousands: an eighth of the time of compilation.
+    The type of an operation on numbers is found once for all its places: Numba looks through
+    NumPy's tables at each of them, though there are a few hundred kinds of tens of thousands, an
+    eighth of the time of compilation.  After a call of a helper nobody asks whether it has raised,
+    which none does: loops over lanes would have several ways back, until LLVM finds out, and by
+    then has lost the note that `keep_loops` makes.
     """
     of_all: Any = types.BaseFunction
     original = of_all.get_call_type
+    calls: Any = CPUCallConv
+    status_of = calls._get_return_status
 
     def remembered(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
         if kws or not all(isinstance(each, (types.Number, types.Boolean)) for each in args):
@@ -257,11 +297,14 @@ def _typed_once() -> Iterator[None]:
             _TYPED[self, args] = original(self, context, args, kws)
         return _TYPED[self, args]
 
-    of_all.get_call_type = remembered
+    def no_error(self: Any, *args: Any) -> Any:
+        return status_of(self, *args)._replace(is_error=cgutils.false_bit)
+
+    of_all.get_call_type, calls._get_return_status = remembered, no_error
     try:
         yield
     finally:
-        of_all.get_call_type = original
+        of_all.get_call_type, calls._get_return_status = original, status_of
 
 
 class _KernelCompiler(_PartCompiler):
@@ -269,7 +312,7 @@ class _KernelCompiler(_PartCompiler):
 
     def compile_extra(self, func: Any) -> Any:
         """What Numba does under its lock: nothing else is compiled meanwhile."""
-        with _typed_once():
+        with _as_kernels_are():
             return super().compile_extra(func)
 
 
@@ -346,6 +389,15 @@ def lane(function: Callable[..., Any]) -> Any:
     loop can become vector code; loops that threads share; and what a single impact goes through, as
     a call that hands on dozens of arrays takes 30 to 90 ns."""
     return inline(function, _LaneCompiler)
+
+
+def rolled(function: Callable[..., Any]) -> Any:
+    """Jit a helper like `lane`, whose loops over the lanes of a block are to become vector code.
+
+    LLVM unrolls a loop of four before it looks for vectors, unless it is long, and then finds none:
+    what `projection.find_deep` does took three times as long.
+    """
+    return inline(function, _RolledCompiler)
 
 
 def apart(function: Callable[..., Any]) -> Any:

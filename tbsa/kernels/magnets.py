@@ -29,7 +29,7 @@ from tbsa.kernels.crew import (
     give,
     share,
 )
-from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, rolled
 from tbsa.kernels.neighbours import Pairs, first_of
 
 CHUNK = 512  # pairs that are worked on together, in the first-level cache
@@ -139,7 +139,7 @@ def four(ux: float, uy: float, cd: float, sd: float, r2: float) -> int:
     return ((1 if north else 0) | (2 if east else 0) | (4 if south else 0) | (8 if west else 0))
 
 
-@inline
+@rolled
 def magnets_stale(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np.ndarray,
                   angle: np.ndarray, way: np.ndarray, far: np.ndarray) -> bool:
     """Whether a tile needs a new list whose centre goes so far from here, and its magnets (m)."""
@@ -152,7 +152,7 @@ def magnets_stale(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np
     return some > 0
 
 
-@lane
+@rolled
 def place_magnets(near: MagnetPairs, offset: float, x: np.ndarray, y: np.ndarray,
                   c: np.ndarray, s: np.ndarray, begin: int, end: int) -> None:
     """Where the magnets of these tiles are: N, E, S, W of every one.  No forces on them yet."""
@@ -316,7 +316,7 @@ def react(near: MagnetPairs, begin: int, end: int, along_x: bool, along_y: bool)
             gy[q] -= hy[i]
 
 
-@lane
+@rolled
 def add_up(near: MagnetPairs, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, begin: int,
            end: int) -> None:
     """Add the forces on the magnets of these tiles to those on the tiles."""

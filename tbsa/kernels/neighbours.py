@@ -8,7 +8,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, lean, set_all
 from tbsa.kernels.crew import LEAST_TILES, LINE, PAIRS, Crew, collect, give, share
-from tbsa.kernels.jit import ZERO, U, inline, kernel, lane
+from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, rolled
 
 
 class Pairs(NamedTuple):
@@ -39,7 +39,7 @@ def empty_pairs(n: int, capacity: int) -> Pairs:
     )
 
 
-@inline
+@rolled
 def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -> bool:
     """Whether a tile that goes as `far` as this from here (m) may come to where it has pairs
     that are not on the list."""

@@ -20,7 +20,7 @@ from tbsa.kernels.geometry import (
     square_square,
     wall_square,
 )
-from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.jit import ZERO, U, inline, lane, rolled
 from tbsa.kernels.manifold import two_points
 from tbsa.kernels.rows import (
     ALONE,
@@ -174,7 +174,7 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
     return True
 
 
-@lane
+@rolled
 def hold(r: np.ndarray, o: int, k: Numbers) -> None:
     """Give a point of the block at `o` that touches and stays, without restitution, an impulse, if
     it has none: it has been in contact.
@@ -200,7 +200,7 @@ def hold(r: np.ndarray, o: int, k: Numbers) -> None:
         r[at + PN1] = max(r[at + PN1], little * r[at + I11]) if stays1 else r[at + PN1]
 
 
-@lane
+@rolled
 def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
     """Mark the rows of these blocks that will overlap by more than the slop in the next substep,
     to whose middle ``k.h`` looks ahead, in ``hit``, and count them in ``hits``.

@@ -18,7 +18,7 @@ from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import LEAST_TILES, LINE, SCALE, WORK, Crew, collect, give
 from tbsa.kernels.floor import FloorLaw
-from tbsa.kernels.jit import YES, ZERO, U, inline, lane
+from tbsa.kernels.jit import YES, ZERO, U, inline, rolled
 from tbsa.kernels.momentum import PLAIN, hasten
 from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
 from tbsa.kernels.sweeps import (
@@ -81,7 +81,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
     return done
 
 
-@inline
+@rolled
 def scale_impulses(rows: Rows, scale: float) -> None:
     """Multiply the impulses of all rows."""
     if scale == 1.0:
@@ -95,7 +95,7 @@ def scale_impulses(rows: Rows, scale: float) -> None:
             r[o + PT + i] *= scale
 
 
-@lane
+@rolled
 def work_on(k: Numbers, v: Bodies, u: Bodies, begin: int, end: int) -> None:
     """The work that contacts do on each of these tiles, as the two terms of a parabola in their
     scale (J), into both ``change``."""
@@ -109,7 +109,7 @@ def work_on(k: Numbers, v: Bodies, u: Bodies, begin: int, end: int) -> None:
                     + k.inertia * dw * (uw[i] + 0.5 * gw))
 
 
-@lane
+@rolled
 def find_scales(rows: Rows, v: Bodies, u: Bodies, begin: int, end: int) -> int:
     """In place of the second term, for each of these tiles that stands for an island, by what its
     impulses are to be scaled, else 1; returns how many islands work has been done on."""

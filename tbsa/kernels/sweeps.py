@@ -31,7 +31,7 @@ from tbsa.kernels.floor import (
     impulse_of_turn,
     turns,
 )
-from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.jit import ZERO, U, inline, lane, rolled
 from tbsa.kernels.manifold import push, solve_lanes
 from tbsa.kernels.rows import (
     ALONE,
@@ -154,6 +154,14 @@ def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
     return float(r[i + CHANGE])
 
 
+@rolled
+def push_block(r: np.ndarray, o: int, per_mass: float) -> None:
+    """Apply the impulses that the rows of the block at `o` carry, in its lanes."""
+    for i in range(LANES):
+        k = o + i
+        push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+
+
 @lane
 def apply_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) -> None:
     """Apply the impulses that the rows of these blocks of one colour carry."""
@@ -171,10 +179,7 @@ def apply_blocks(rows: Rows, per_mass: float, v: Bodies, begin: int, last: int) 
         for j in range(start, m):
             gather(rows, active[j], vx, vy, w)
         for j in range(start, m):
-            o = U(active[j]) * BLOCK
-            for i in range(LANES):
-                k = o + i
-                push(r, k, per_mass, r[k + PN0], r[k + PN1], r[k + PT])
+            push_block(r, U(active[j]) * BLOCK, per_mass)
         for j in range(start, m):
             scatter(rows, active[j], vx, vy, w)
 
@@ -198,15 +203,24 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
                 scatter_row(rows, q, vx, vy, w)
 
 
+@rolled
+def note_changes(r: np.ndarray, o: int, k: Numbers) -> int:
+    """After the solve of the block at `o`, its rows' changes (m/s) as they count; how many of them
+    are more than a little."""
+    little, some = LITTLE * k.tolerance, 0
+    for i in range(LANES):
+        r[o + CHANGE + i] = row_change(r, o + i, k, r[o + CHANGE + i])
+        some += 1 if r[o + CHANGE + i] > little else 0
+    return some
+
+
 @lane
 def tally(rows: Rows, block: int, k: Numbers, worst: float) -> Any:
     """How many rows of a block that has been solved have changed by more than a little, noted in
     ``hits``, and the largest change (m/s) of theirs and `worst`."""
-    r, little, some = rows.field, LITTLE * k.tolerance, 0
-    o = U(block) * BLOCK
+    r, o = rows.field, U(block) * BLOCK
+    some = note_changes(r, o, k)
     for i in range(LANES):
-        r[o + CHANGE + i] = row_change(r, o + i, k, r[o + CHANGE + i])
-        some += 1 if r[o + CHANGE + i] > little else 0
         worst = max(worst, r[o + CHANGE + i])
     rows.hits[block] = some
     return some, worst
@@ -322,7 +336,7 @@ def floor_below(law: int, i: int, floor: FloorLaw, k: Numbers, c: np.ndarray, s:
     return float(tile_change(k, vx, vy, w, ux, uy, uw))
 
 
-@inline
+@rolled
 def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies, begin: int,
                 end: int) -> None:
     """Solve the floor's impulse of these tiles; ``change`` (m/s) says by how much it did, as it
