@@ -163,7 +163,7 @@ def find_then_add(rows, pairs, k, x, y, angle, c, s, mobile, marked, way, far, w
 def numbers(n, wall=0, size=0.0):
     """Of n tiles of 1 kg, and a wall."""
     inertia = WIDTH**2 / 6.0
-    return Numbers(n, WIDTH, 1e-3, 1, 1.0, inertia, 1.0, 1.0 / inertia, 1.0 / inertia, 0.0, 0.0,
+    return Numbers(n, 0, WIDTH, 1e-3, 1, 1.0, inertia, 1.0, 1.0 / inertia, 1.0 / inertia, 0.0, 0.0,
                    0.5, 0.5, 0.5, 0.5, 0.01, 1e-3, 1.0, 1, 1, 1, 1, 1, 0, wall, size, size)
 
 

@@ -366,14 +366,14 @@ def drift_back(k: Numbers, floor: FloorLaw, v0: Bodies, v: Bodies, x: np.ndarray
     im, ii, moved = k.im, k.ii, v.moved
     startx, starty, startw = v.startx, v.starty, v.startw
     floorx, floory, floort = v.floorx, v.floory, v.floort
-    begin, end = give(crew, BACK, ZERO, k.n, LEAST_TILES)
+    begin, end = give(crew, BACK, k.front, k.n, LEAST_TILES)
     some = find_stopped(k, v, v0, begin, end)
     collect(crew)
     for other in range(1, crew.size if end < k.n else 1):
         some |= crew.found[other * LINE]
     if some == 0:
         return
-    for i in range(k.n):
+    for i in range(U(k.front), U(k.n)):
         if moved[i] == 0:
             continue
         ux, uy, uw = startx[i], starty[i], startw[i]
@@ -652,7 +652,7 @@ def strongest(k: Numbers, floor: FloorLaw, work: Work, loaded: bool) -> float:
     """What forces, if there are any, and floor speed no point of a tile up by more than (m/s^2)."""
     mobile, fx, fy, torque = work.bodies.mobile, work.fx, work.fy, work.torque
     corner, most = 0.7072 * k.width, 0.0
-    for i in range(U(k.n) if loaded else U(0)):
+    for i in range(U(k.front), U(k.n) if loaded else U(k.front)):
         pull = (k.im * math.sqrt(fx[i] * fx[i] + fy[i] * fy[i])
                 + k.ii * corner * abs(torque[i]))
         most = max(most, pull if mobile[i] != 0.0 else 0.0)
@@ -838,7 +838,7 @@ def any_live(rows: Rows) -> bool:
 def hardly_moves(k: Numbers, v: Bodies) -> bool:
     """Whether no tile goes further than `STILL` in a step; mostly the first ones say no."""
     vx, vy, w = v.vx, v.vy, v.w
-    for i in range(U(k.n)):
+    for i in range(U(k.front), U(k.n)):
         pace = abs(vx[i]) + abs(vy[i]) + k.width * abs(w[i])
         if k.substeps * k.h * pace > STILL * k.width:
             return False
@@ -899,7 +899,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
     counts.joined[0] += max(ticks // TICKS - 1, 0)
     counts.rows[0] += m
 
-    low, high = give(crew, BEGIN, ZERO, n, LEAST_TILES)
+    low, high = give(crew, BEGIN, k.front, n, LEAST_TILES)
     drift(low, high, middle, v, x, y, angle)
     damp(low, high, slow, slow_spin, v)
     if m > 0 or floor.law == EXACT:
@@ -926,7 +926,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
         counts.overlap[0] += ticks
         last[2] = 0
 
-    low, high = give(crew, KICK, ZERO, n + 1, LEAST_TILES)
+    low, high = give(crew, KICK, k.front, n + 1, LEAST_TILES)
     kick(k, h, work.fx, work.fy, work.torque, v, before, m > 0 or floor.law != 0, low, high)
     collect(crew)
     live = m > 0 and (k.skip_converged == 0 or any_live(rows))
@@ -948,7 +948,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
 
     if state.early[0] > 0:
         spread_early(rows, k, loads, v, before, x, y, angle)
-    low, high = give(crew, END, ZERO, n, LEAST_TILES)
+    low, high = give(crew, END, k.front, n, LEAST_TILES)
     damp(low, high, slow, slow_spin, v)
     drift(low, high, h - middle, v, x, y, angle)
     collect(crew)

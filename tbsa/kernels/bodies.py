@@ -14,6 +14,7 @@ class Numbers(NamedTuple):
     """The scalars of a scene that its contacts need."""
 
     n: int  # tiles
+    front: int  # held tiles that come first: loops over what moves begin after them
     width: float  # m
     h: float  # s, the substep
     substeps: int  # in a step
@@ -73,7 +74,7 @@ def with_substep(k: Numbers, h: float) -> Numbers:
     What a solve leaves is a velocity, and moves tiles into each other for as long as the substep
     is: the tolerance of a longer one is less.
     """
-    return Numbers(k.n, k.width, h, k.substeps, k.mass, k.inertia, k.im, k.ii, k.per_mass,
+    return Numbers(k.n, k.front, k.width, h, k.substeps, k.mass, k.inertia, k.im, k.ii, k.per_mass,
                    k.linear_damping, k.angular_damping, k.mu, k.mu_wall, k.e, k.e_wall, k.threshold,
                    min(k.h / h, 1.0) * k.tolerance, k.at_rest, k.passes, k.keep_lists,
                    k.skip_converged, k.join_substeps, k.skip_still, k.driven, k.wall, k.wall_x,

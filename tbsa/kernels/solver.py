@@ -136,15 +136,15 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.nda
     floorx, floory, floort, island = v.floorx, v.floory, v.floort, rows.island
     n = U(k.n)
     energy, power = v.change, u.change
-    begin, end = give(crew, WORK, ZERO, k.n, LEAST_TILES)
+    begin, end = give(crew, WORK, k.front, k.n, LEAST_TILES)
     work_on(k, v, u, begin, end)
     collect(crew)
-    for i in range(n):  # a loop of its own: sums are in order, and do not vectorise
+    for i in range(U(k.front), n):  # a loop of its own: sums are in order, and do not vectorise
         first = island[i]
         if first != i:
             energy[first] += energy[i]
             power[first] += power[i]
-    begin, end = give(crew, SCALE, ZERO, k.n, LEAST_TILES)
+    begin, end = give(crew, SCALE, k.front, k.n, LEAST_TILES)
     some = find_scales(rows, v, u, begin, end)
     collect(crew)
     for other in range(1, crew.size if end < k.n else 1):
@@ -153,7 +153,7 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.nda
         return
     scale = power
     scale[n] = 1.0
-    for i in range(n):
+    for i in range(U(k.front), n):
         part = scale[island[i]]
         if part == 1.0:
             continue

@@ -301,7 +301,7 @@ def sweep_alone(rows: Rows, k: Numbers, v: Bodies) -> Any:
 def sweep_floor(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies,
                 crew: Crew) -> None:
     """Solve the floor's impulse of every tile."""
-    begin, end = give(crew, FLOOR, ZERO, k.n, LEAST_TILES)
+    begin, end = give(crew, FLOOR, k.front, k.n, LEAST_TILES)
     floor_tiles(floor, k, c, s, v, begin, end)
     collect(crew)
 
@@ -354,7 +354,7 @@ def floor_tiles(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bo
 def sweep_stale(floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Solve the floor's impulse of the tiles that a pass over a list has moved since, last, so that
     what the floor holds is at rest exactly."""
-    for i in range(U(k.n)):
+    for i in range(U(k.front), U(k.n)):
         if v.change[i] == STALE:
             floor_below(floor.law, i, floor, k, c, s, v)
 
@@ -365,7 +365,7 @@ def turn_round(rows: Rows, floor: FloorLaw, k: Numbers, c: np.ndarray, s: np.nda
     """Solve the floor's impulse anew of the tiles without rows that turn round in the substep."""
     im, ii, start = k.im, k.ii, rows.start
     m, inertia, R, Q = 1.0 / im, 1.0 / ii, floor.force * k.h, floor.torque * k.h
-    for i in range(U(k.n)):
+    for i in range(U(k.front), U(k.n)):
         if start[i] != start[i + U(1)]:
             continue
         tx, ty, tw = (v.vx[i] - im * v.floorx[i], v.vy[i] - im * v.floory[i],

@@ -198,7 +198,8 @@ class Simulation:
         inertia = body.mass * body.width**2 / 6.0
         # Every float a float: another type would be another signature, compiled anew.
         self.numbers = Numbers(
-            n=n, width=float(body.width), h=self.h / scene.solver.substeps,
+            n=n, front=int(np.argmin(np.append(layout.held, False))),
+            width=float(body.width), h=self.h / scene.solver.substeps,
             substeps=int(scene.solver.substeps),
             mass=float(body.mass),
             inertia=float(inertia), im=1.0 / body.mass, ii=1.0 / inertia,
