@@ -322,13 +322,19 @@ def bears(warm: float, stopped: float, gap: float, vn: float, slow: float, k: Nu
 
 
 @lane
-def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: float,
+def comes_off(k: Numbers, threshold: float, fastest: float) -> float:
+    """How fast a pressed point may come (m/s) and still be borne, if no corner of its tiles is
+    faster than `fastest`: as fast as a solve leaves it."""
+    return max(threshold + k.tolerance, PARTED * fastest)
+
+
+@lane
+def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: float, slow: float,
          least: float) -> None:
     """Let walls and held tiles bear tile i as they did in the substep before: as the contact solve,
-    of this tile alone, to `least` (m/s).  It has gone with vx, vy, w."""
+    of this tile alone, to `least` (m/s).  It has gone with vx, vy, w, and what comes faster than
+    `slow` (m/s) is not borne."""
     r, body, mobile = rows.field, rows.body, v.mobile
-    slow = max(k.threshold + k.tolerance, PARTED * (
-        math.sqrt(vx * vx + vy * vy) + 0.7072 * k.width * abs(w)))
     for number in range(k.passes):
         most = 0.0
         for p in range(rows.start[i], rows.start[i + 1]):
@@ -372,9 +378,10 @@ def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -
     if among:
         return True
     vx, vy, w = v.vx[i], v.vy[i], v.w[i]
+    borne = comes_off(k, k.threshold, corner_speed(k, v, i))
     v.vx[i], v.vy[i], v.w[i] = vx + ux, vy + uy, w + uw
     if held:
-        bear(rows, k, v, i, vx, vy, w, BORNE * most)
+        bear(rows, k, v, i, vx, vy, w, borne, BORNE * most)
     return False
 
 
@@ -747,8 +754,8 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
     """
     place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
     r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
-    slow = max(threshold + k.tolerance, PARTED * max(
-        corner_speed(k, v, rows.body[t]), corner_speed(k, v, rows.body[t + LANES])))
+    slow = comes_off(k, threshold, max(corner_speed(k, v, rows.body[t]),
+                                       corner_speed(k, v, rows.body[t + LANES])))
     first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
     second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
     if first or second:
