@@ -14,14 +14,16 @@ import numpy as np
 from tbsa.kernels.arrays import copy
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import Crew
-from tbsa.kernels.jit import YES, ZERO, U, apart, inline, lane
+from tbsa.kernels.jit import YES, ZERO, U, apart, inline, lane, rolled
 from tbsa.kernels.manifold import push
 from tbsa.kernels.rows import (
     BASE,
     BLOCK,
     BODIES,
     COLOURS,
+    COUNT,
     HIT,
+    IDLE,
     K00,
     K11,
     KTT,
@@ -165,20 +167,25 @@ def next_queue(rows: Rows, size: int, m: int, fresh: bool) -> None:
     copy(then, now, m)
 
 
+@rolled
+def begin_lanes(r: np.ndarray, o: int, fresh: bool) -> None:
+    """Note the impulses of the block at `o` before a pass, and if it is the first one with
+    momentum, as those of the pass before as well."""
+    for i in range(LANES):
+        k = o + i
+        q0, q1, qt = r[k + PN0], r[k + PN1], r[k + PT]
+        r[k + FROM0], r[k + FROM1], r[k + FROMT] = q0, q1, qt
+        r[k + PAST0] = q0 if fresh else r[k + PAST0]
+        r[k + PAST1] = q1 if fresh else r[k + PAST1]
+        r[k + PASTT] = qt if fresh else r[k + PASTT]
+
+
 @inline
 def begin_blocks(rows: Rows, fresh: bool) -> None:
-    """Note the impulses of all rows before a pass, and if it is the first one with momentum, as
-    those of the pass before as well."""
-    r = rows.field
+    """`begin_lanes` of all blocks in which something touches; the others have no impulses."""
     for block in range(rows.first[COLOURS]):
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            k = o + i
-            q0, q1, qt = r[k + PN0], r[k + PN1], r[k + PT]
-            r[k + FROM0], r[k + FROM1], r[k + FROMT] = q0, q1, qt
-            r[k + PAST0] = q0 if fresh else r[k + PAST0]
-            r[k + PAST1] = q1 if fresh else r[k + PAST1]
-            r[k + PASTT] = qt if fresh else r[k + PASTT]
+        if rows.single[block] != IDLE:
+            begin_lanes(rows.field, U(block) * BLOCK, fresh)
 
 
 @inline
@@ -187,6 +194,8 @@ def slope_blocks(rows: Rows) -> Any:
     r = rows.field
     square, onward = 0.0, 0.0
     for block in range(rows.first[COLOURS]):
+        if rows.single[block] == IDLE:
+            continue
         o = U(block) * BLOCK
         for i in range(LANES):
             more, further = slope(r, o + i)
@@ -195,20 +204,27 @@ def slope_blocks(rows: Rows) -> Any:
     return square, onward
 
 
+@rolled
+def go_on_lanes(r: np.ndarray, o: int, beta: float, per_mass: float) -> None:
+    """`go_on` for the lanes of the block at `o`."""
+    for i in range(LANES):
+        go_on(r, o + i, beta, per_mass)
+
+
 @inline
 def go_on_blocks(rows: Rows, beta: float, per_mass: float, v: Bodies) -> None:
     """All rows go on."""
     r, vx, vy, w = rows.field, v.vx, v.vy, v.w
     far = rows.first[NEAR_ROWS]  # blocks, that may share tiles
     for block in range(far, rows.first[COLOURS]):
-        gather(rows, block, vx, vy, w)
-        o = U(block) * BLOCK
-        for i in range(LANES):
-            go_on(r, o + i, beta, per_mass)
-        scatter(rows, block, vx, vy, w)
+        if rows.single[block] != IDLE:
+            gather(rows, block, vx, vy, w)
+            go_on_lanes(r, U(block) * BLOCK, beta, per_mass)
+            scatter(rows, block, vx, vy, w)
     for q in range(WIDE * far):
-        go_on(r, gather_row(rows, q, vx, vy, w), beta, per_mass)
-        scatter_row(rows, q, vx, vy, w)
+        if r[lane_of(q) + COUNT] != 0.0:
+            go_on(r, gather_row(rows, q, vx, vy, w), beta, per_mass)
+            scatter_row(rows, q, vx, vy, w)
 
 
 @apart
