@@ -425,6 +425,21 @@ def field_of_tiles(side, law="separate", wall="rectangle", apart=1.003, **option
                  drive=Drive("shaking", 0.1, 0.0, 2.0), body=Material(), **DEFAULT | options)
 
 
+@pytest.mark.parametrize("substeps", [4, 12])
+def test_what_a_row_is_left_with_by_one_step_is_not_read_in_the_next(substeps):
+    """Nor are the weights of blocks in which nothing touches, which nobody works out unless one of
+    their rows is hit in the middle of a substep."""
+    chosen = field_of_tiles(10, apart=1.04, step=1 / 120, substeps=substeps, tolerance=2e-2,
+                            passes=40)
+    plain, littered = Simulation(chosen), Simulation(chosen)
+    for _ in range(150):
+        littered._work.rows.field[:] = -7.7
+        for s in (plain, littered):
+            s.advance(1)
+    assert plain.counts.impacts[0] > 1000
+    assert (state(plain) == state(littered)).all()
+
+
 @pytest.mark.parametrize(("side", "threads", "options"), [
     (56, 2, {}), (56, 3, {"wall": "circle"}), (50, 2, {"law": "coupled"}),
     (50, 2, {"law": "exact"}), (50, 2, {"passes": 20, "at_rest": 0.1}), (7, 2, {"passes": 20}),
