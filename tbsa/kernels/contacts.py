@@ -387,8 +387,8 @@ def any_deeper(r: np.ndarray, o: int, deepest: float) -> bool:
 
 @lane
 def deepest_gap(rows: Rows, block: int, deepest: float) -> float:
-    """The deepest overlap, as a gap < 0 (m), of the rows of a block that are in contact, and this
-    one; few blocks have a deeper one."""
+    """The least gap (m, < 0 where there is overlap) of the rows of a block that are in contact, or
+    this one where none is less, as in most blocks."""
     r, o = rows.field, U(block) * BLOCK
     if any_deeper(r, o, deepest):
         for i in range(LANES):
