@@ -507,22 +507,33 @@ def rocking_and_hit(seed):
             ], e, mu, math.floor((fall + 0.0125) * 480) / 480
 
 
-def test_what_rests_on_one_corner_and_comes_down_with_the_other_is_hit_with_what_bears_it():
-    """Against a 32nd of the step.  Whether corners hit a wall together or one after the other is a
-    matter of chance for a few; a third was off by more than 0.03 m/s where a tile bounced as if no
-    wall bore it, or came back to it, in the same substep, as if it had been pressed all along."""
-    errors = []
-    for seed in range(120):
-        tiles, e, mu, time = rocking_and_hit(seed)
-        found = []
-        for step, substeps in ((1 / 480, 4), (1 / 15360, 1)):
-            s = simulate(tiles, drive=Drive("constant", (0.0, -0.1)), step=step, substeps=substeps,
-                         passes=80, reactor=Reactor("rectangle", width=0.4, height=0.2,
-                                                    friction=mu, restitution=0.2),
-                         body=material(friction=mu, restitution=e, restitution_threshold=0.01))
-            s.run(time)
-            found.append(np.array([s.vx, s.vy, 0.5 * WIDTH * s.omega]))
-        errors.append(np.abs(found[1] - found[0]).max())
+def off_when_hit(seed):
+    """By how much velocities (m/s) differ from those at a 32nd of the step."""
+    tiles, e, mu, time = rocking_and_hit(seed)
+    found = []
+    for step, substeps in ((1 / 480, 4), (1 / 15360, 1)):
+        s = simulate(tiles, drive=Drive("constant", (0.0, -0.1)), step=step, substeps=substeps,
+                     passes=80, reactor=Reactor("rectangle", width=0.4, height=0.2, friction=mu,
+                                                restitution=0.2),
+                     body=material(friction=mu, restitution=e, restitution_threshold=0.01))
+        s.run(time)
+        found.append(np.array([s.vx, s.vy, 0.5 * WIDTH * s.omega]))
+    return np.abs(found[1] - found[0]).max()
+
+
+@pytest.mark.parametrize("seed", [1101, 1208, 1507, pytest.param(1952, marks=pytest.mark.xfail(
+    strict=True, reason="since 0.17.0 ten hits in a step of 1/480 s, in two of 1/960 s four")),
+    2434, 2778, 2824, 3259])
+def test_what_rests_on_one_corner_and_comes_down_with_the_other_is_hit_with_what_bears_it(seed):
+    """As the other corner was to hit later, it bounced as if there were no wall, and into it."""
+    assert off_when_hit(seed) < 0.01
+
+
+def test_of_what_rocks_onto_a_wall_and_is_hit_few_depend_on_the_step():
+    """Whether corners hit a wall together or one after the other is a matter of chance for a few; a
+    third was off by more than 0.03 m/s where a tile bounced as if no wall bore it, or came back to
+    it, in the same substep, as if it had been pressed all along."""
+    errors = [off_when_hit(seed) for seed in range(120)]
     assert np.median(errors) < 1e-3
     assert np.mean(np.array(errors) > 0.03) < 0.12
 

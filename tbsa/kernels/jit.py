@@ -392,10 +392,11 @@ def lane(function: Callable[..., Any]) -> Any:
 
 
 def rolled(function: Callable[..., Any]) -> Any:
-    """Jit a helper like `lane`, whose loops over the lanes of a block are to become vector code.
+    """Jit a helper like `lane`, whose loops over the lanes of a block, or over tiles, are to become
+    vector code.
 
     LLVM unrolls a loop of four before it looks for vectors, unless it is long, and then finds none:
-    what `projection.find_deep` does took three times as long.
+    what `projection.find_deep` does took more than twice as long.
     """
     return inline(function, _RolledCompiler)
 
