@@ -975,8 +975,8 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
         gap = min(r[i + GAP0] if first else math.inf, r[i + GAP1] if second else math.inf)
         leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and (r[i + VN0] > slow or not first)
                   and (r[i + VN1] > slow or not second))
-        if (hit == 0.0 and z.points[other] != 0) or (
-                not leaves and gap < touching(r, i, k)):
+        left = z.points[other] & ((1 if first else 0) + (2 if second else 0))
+        if left != 0 or (not leaves and gap < touching(r, i, k)):
             return TOGETHER
     return ALONE
 
