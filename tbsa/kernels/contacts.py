@@ -79,6 +79,7 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    lane_of,
     wall_code,
 )
 
@@ -100,19 +101,35 @@ RESTS = 1e-5
 NEVER = 1e30
 
 
+@lane
+def look_at(r: np.ndarray, body: np.ndarray, at: int, t: int, x: np.ndarray, y: np.ndarray,
+            c: np.ndarray, s: np.ndarray, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
+    """Places and velocities of the bodies of a pair, into its lane."""
+    a, b = U(body[t]), U(body[t + LANES])
+    r[at + K00], r[at + K01] = c[a], s[a]
+    r[at + K11], r[at + KTT] = c[b], s[b]
+    r[at + I00], r[at + I11] = x[b] - x[a], y[b] - y[a]
+    r[at + AX], r[at + AY], r[at + AW] = vx[a], vy[a], w[a]
+    r[at + BX], r[at + BY], r[at + BW] = vx[b], vy[b], w[b]
+
+
+@lane
+def look_at_side(r: np.ndarray, body: np.ndarray, at: int, t: int, k: Numbers, x: np.ndarray,
+                 y: np.ndarray) -> None:
+    """After `look_at`, of a row with a side of a rectangle: there stands a square."""
+    a = U(body[t])
+    r[at + I00], r[at + I11] = wall_square(k, wall_code(r, at), x[a], y[a])
+    r[at + K11], r[at + KTT] = 1.0, 0.0
+
+
 @inline
 def look(rows: Rows, block: int, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray,
          vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
     """Places and velocities of the bodies of a block of pairs, into its lanes."""
     r, body = rows.field, rows.body
     o, t = U(block) * BLOCK, U(block) * BODIES
-    for i in range(LANES):  # gather
-        a, b = U(body[t + i]), U(body[t + LANES + i])
-        r[o + K00 + i], r[o + K01 + i] = c[a], s[a]
-        r[o + K11 + i], r[o + KTT + i] = c[b], s[b]
-        r[o + I00 + i], r[o + I11 + i] = x[b] - x[a], y[b] - y[a]
-        r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
-        r[o + BX + i], r[o + BY + i], r[o + BW + i] = vx[b], vy[b], w[b]
+    for i in range(LANES):
+        look_at(r, body, o + i, t + i, x, y, c, s, vx, vy, w)
 
 
 @lane
@@ -135,77 +152,73 @@ def want(gap: float, bend: float) -> float:
     return max(gap + max(bend, 0.0), 0.0) + min(bend, 0.0)
 
 
-@inline
-def look_at_sides(rows: Rows, block: int, k: Numbers, x: np.ndarray, y: np.ndarray) -> None:
-    """After `look`, of a block of rows with the sides of a rectangle: there stand squares."""
-    r, body = rows.field, rows.body
-    o, t = U(block) * BLOCK, U(block) * BODIES
-    for i in range(LANES):
-        a = U(body[t + i])
-        r[o + I00 + i], r[o + I11 + i] = wall_square(k, wall_code(r, o + i), x[a], y[a])
-        r[o + K11 + i], r[o + KTT + i] = 1.0, 0.0
+@lane
+def place_pair(r: np.ndarray, at: int, width: float, h: float, gain: float, wall: bool) -> float:
+    """Where the pair in the lane at `at` touches, or a tile and a side of the `wall`; every point
+    keeps its impulse, a new point has none.  Returns the number of its points."""
+    per_h2, spare = 1.0 / (h * h), max(SPARE * width, gain)
+    vx_ab, vy_ab = r[at + BX] - r[at + AX], r[at + BY] - r[at + AY]
+    way = h * (math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
+               + 0.7072 * width * (abs(r[at + AW]) + abs(r[at + BW])))
+    count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, ta, tb, miss, of_a = square_square(
+        r[at + I00], r[at + I11], r[at + K00], r[at + K01], r[at + K11],
+        r[at + KTT], width, spare + way, wall)
+    wa, wb = r[at + AW], r[at + BW]
+    bend0, bend1, slide = bends(
+        width, gap0, gap1, ta - tb, bn0 - an0, -bn0 if of_a else an0, -bn1 if of_a else an1,
+        h * (nx * vx_ab + ny * vy_ab), h * (nx * vy_ab - ny * vx_ab), h * (wa if of_a else wb),
+        h * (wb - wa if of_a else wa - wb))
+    r[at + BEND0], r[at + BEND1] = per_h2 * bend0, per_h2 * bend1
+    r[at + WANTT] = per_h2 * slide
+    # As seen from a, which turns: what goes round with it stays where it is.
+    mx, my = r[at + I00] + 0.5 * h * vx_ab, r[at + I11] + 0.5 * h * vy_ab
+    ux, uy = vx_ab + wa * my, vy_ab - wa * mx
+    past = max(abs(ux), abs(uy)) + 0.7072 * width * abs(wb - wa)
+    swept = ((count > 0.5) & (min(gap0, gap1) < way) & (h * (abs(wa) + abs(wb)) > SWEPT)
+             & (h * past > 0.7072 * SWEPT * width))
+    # At the end of a face an edge slopes on to a corner beside it, that comes to lie over it;
+    # what is near is left to the solve, in which that changes little.
+    ca, sa, cb, sb = r[at + K00], r[at + K01], r[at + K11], r[at + KTT]
+    cos, sin = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
+    deeper = min(cos, sin) / max(cos, sin) * abs(
+        h * (nx * vy_ab - ny * vx_ab + tb * wb - ta * wa))
+    along = h * (nx * vx_ab + ny * vy_ab)
+    ends0 = (abs(an0 if of_a else bn0) > 0.4999 * width) & (not wall)
+    ends1 = (abs(an1 if of_a else bn1) > 0.4999 * width) & (not wall)
+    below = ((ends0 & (gap0 + along + h * (bn0 * wb - an0 * wa) < deeper))
+             | (ends1 & (gap1 + along + h * (bn1 * wb - an1 * wa) < deeper)))
+    swept |= ((count > 0.5) & (min(gap0, gap1) > SPARE * width)
+              & (deeper > SLOPING * width) & below)
+    swept |= (miss > 0.0) & (miss < way)
+    # A corner that comes to the end of a face may have left it when the gap would close.
+    leaves = (count > 0.5) & (miss > -way) & (min(gap0, gap1) < way)
+    r[at + HIT] = 1.0 if swept else (2.0 if leaves else 0.0)
+    count = 0.0 if r[at + MA] + r[at + MB] == 0.0 else count  # an empty lane
+    id1 = -1.0 if count < 1.5 else id1
+    was0, was1, q0, q1 = r[at + ID0], r[at + ID1], r[at + PN0], r[at + PN1]
+    p0 = q0 if id0 == was0 else (q1 if id0 == was1 else 0.0)
+    p1 = q1 if id1 == was1 else (q0 if id1 == was0 else 0.0)
+    p0 = 0.0 if count == 0.0 else p0
+    p1 = 0.0 if count < 1.5 else p1
+    pt = 0.0 if (p0 == 0.0) & (p1 == 0.0) else r[at + PT]
+    r[at + COUNT], r[at + NX], r[at + NY] = count, nx, ny
+    r[at + ID0], r[at + GAP0] = id0, gap0
+    r[at + AN0], r[at + BN0] = an0, bn0
+    r[at + ID1], r[at + GAP1] = id1, gap1
+    r[at + AN1], r[at + BN1] = an1, bn1
+    r[at + AT], r[at + BT] = ta, tb
+    r[at + PN0], r[at + PN1], r[at + PT] = p0, p1, pt
+    r[at + WARM0], r[at + WARM1], r[at + WARMT] = p0, p1, pt
+    return count
 
 
-@inline
+@rolled
 def place_pairs(rows: Rows, block: int, width: float, h: float, gain: float, wall: bool) -> None:
-    """Where the pairs of a block touch, or tiles and sides of the `wall`; every point keeps its
-    impulse, a new point has none."""
-    r, per_h2, spare = rows.field, 1.0 / (h * h), max(SPARE * width, gain)
-    o = U(block) * BLOCK
+    """Where the pairs of a block touch, or tiles and sides of the `wall`."""
+    r, o = rows.field, U(block) * BLOCK
     lone, some = 0, 0
     for i in range(LANES):
-        vx_ab, vy_ab = r[o + BX + i] - r[o + AX + i], r[o + BY + i] - r[o + AY + i]
-        way = h * (math.sqrt(vx_ab * vx_ab + vy_ab * vy_ab)
-                   + 0.7072 * width * (abs(r[o + AW + i]) + abs(r[o + BW + i])))
-        count, nx, ny, id0, gap0, an0, bn0, id1, gap1, an1, bn1, at, bt, miss, of_a = square_square(
-            r[o + I00 + i], r[o + I11 + i], r[o + K00 + i], r[o + K01 + i], r[o + K11 + i],
-            r[o + KTT + i], width, spare + way, wall)
-        wa, wb = r[o + AW + i], r[o + BW + i]
-        bend0, bend1, slide = bends(
-            width, gap0, gap1, at - bt, bn0 - an0, -bn0 if of_a else an0, -bn1 if of_a else an1,
-            h * (nx * vx_ab + ny * vy_ab), h * (nx * vy_ab - ny * vx_ab), h * (wa if of_a else wb),
-            h * (wb - wa if of_a else wa - wb))
-        r[o + BEND0 + i], r[o + BEND1 + i] = per_h2 * bend0, per_h2 * bend1
-        r[o + WANTT + i] = per_h2 * slide
-        # As seen from a, which turns: what goes round with it stays where it is.
-        mx, my = r[o + I00 + i] + 0.5 * h * vx_ab, r[o + I11 + i] + 0.5 * h * vy_ab
-        ux, uy = vx_ab + wa * my, vy_ab - wa * mx
-        past = max(abs(ux), abs(uy)) + 0.7072 * width * abs(wb - wa)
-        swept = ((count > 0.5) & (min(gap0, gap1) < way) & (h * (abs(wa) + abs(wb)) > SWEPT)
-                 & (h * past > 0.7072 * SWEPT * width))
-        # At the end of a face an edge slopes on to a corner beside it, that comes to lie over it;
-        # what is near is left to the solve, in which that changes little.
-        ca, sa, cb, sb = r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i]
-        cos, sin = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
-        deeper = min(cos, sin) / max(cos, sin) * abs(
-            h * (nx * vy_ab - ny * vx_ab + bt * wb - at * wa))
-        along = h * (nx * vx_ab + ny * vy_ab)
-        ends0 = (abs(an0 if of_a else bn0) > 0.4999 * width) & (not wall)
-        ends1 = (abs(an1 if of_a else bn1) > 0.4999 * width) & (not wall)
-        below = ((ends0 & (gap0 + along + h * (bn0 * wb - an0 * wa) < deeper))
-                 | (ends1 & (gap1 + along + h * (bn1 * wb - an1 * wa) < deeper)))
-        swept |= ((count > 0.5) & (min(gap0, gap1) > SPARE * width)
-                  & (deeper > SLOPING * width) & below)
-        swept |= (miss > 0.0) & (miss < way)
-        # A corner that comes to the end of a face may have left it when the gap would close.
-        leaves = (count > 0.5) & (miss > -way) & (min(gap0, gap1) < way)
-        r[o + HIT + i] = 1.0 if swept else (2.0 if leaves else 0.0)
-        count = 0.0 if r[o + MA + i] + r[o + MB + i] == 0.0 else count  # an empty lane
-        id1 = -1.0 if count < 1.5 else id1
-        was0, was1, q0, q1 = r[o + ID0 + i], r[o + ID1 + i], r[o + PN0 + i], r[o + PN1 + i]
-        p0 = q0 if id0 == was0 else (q1 if id0 == was1 else 0.0)
-        p1 = q1 if id1 == was1 else (q0 if id1 == was0 else 0.0)
-        p0 = 0.0 if count == 0.0 else p0
-        p1 = 0.0 if count < 1.5 else p1
-        pt = 0.0 if (p0 == 0.0) & (p1 == 0.0) else r[o + PT + i]
-        r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
-        r[o + ID0 + i], r[o + GAP0 + i] = id0, gap0
-        r[o + AN0 + i], r[o + BN0 + i] = an0, bn0
-        r[o + ID1 + i], r[o + GAP1 + i] = id1, gap1
-        r[o + AN1 + i], r[o + BN1 + i] = an1, bn1
-        r[o + AT + i], r[o + BT + i] = at, bt
-        r[o + PN0 + i], r[o + PN1 + i], r[o + PT + i] = p0, p1, pt
-        r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = p0, p1, pt
+        count = place_pair(r, o + i, width, h, gain, wall)
         lone += 1 if count == 1.0 else 0
         some += 1 if (count != 0.0) | (r[o + HIT + i] != 0.0) else 0
     rows.single[block] = lone if some > 0 else IDLE
@@ -250,61 +263,88 @@ def put_aside(rows: Rows, block: int) -> None:
         queued[first + i] = 1
 
 
+@lane
+def place_corner(r: np.ndarray, at: int, a: int, k: Numbers, gain: float, x: np.ndarray,
+                 y: np.ndarray, c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
+    """Where a corner of tile a touches a round wall, into its lane."""
+    vx, vy, w, h = v.vx, v.vy, v.w, k.h
+    spare = max(SPARE * k.width, gain)
+    rx, ry = corner_arm(wall_code(r, at), 0.5 * k.width, c[a], s[a])
+    gap, nx, ny = circle_corner(x[a] + rx, y[a] + ry, k.wall_x)
+    margin = spare + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
+                            + 0.7072 * k.width * abs(w[a]))
+    count = 1.0 if gap <= margin else 0.0
+    swept = (gap < margin - spare) & (h * abs(w[a]) > SWEPT)
+    r[at + HIT] = 1.0 if swept else 0.0
+    r[at + COUNT], r[at + NX], r[at + NY] = count, nx, ny
+    r[at + GAP0], r[at + GAP1] = gap, gap
+    r[at + AN0], r[at + BN0] = rx * ny - ry * nx, 0.0
+    r[at + AN1], r[at + BN1] = r[at + AN0], 0.0
+    r[at + AT], r[at + BT] = rx * nx + ry * ny, 0.0
+    up, over = arc(h * w[a])
+    fx, fy = h * (vx[a] - w[a] * ry), h * (vy[a] + w[a] * rx)
+    arcx, arcy = over * ry - up * rx, -over * rx - up * ry
+    later, _, _ = circle_corner(x[a] + rx + fx + arcx, y[a] + ry + fy + arcy, k.wall_x)
+    r[at + BEND0] = r[at + BEND1] = (later - gap + nx * fx + ny * fy) / (h * h)
+    r[at + WANTT] = (ny * arcx - nx * arcy) / (h * h)
+    r[at + PN0] *= count
+    r[at + PT] *= count if r[at + PN0] != 0.0 else 0.0
+    r[at + WARM0], r[at + WARM1], r[at + WARMT] = r[at + PN0], 0.0, r[at + PT]
+    r[at + AX], r[at + AY], r[at + AW] = vx[a], vy[a], w[a]
+
+
 @inline
 def place_walls(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
                 c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Where the corners of a block touch a round wall."""
-    r, body, vx, vy, w, h = rows.field, rows.body, v.vx, v.vy, v.w, k.h
-    spare = max(SPARE * k.width, gain)
+    r, body = rows.field, rows.body
     o, t = U(block) * BLOCK, U(block) * BODIES
     rows.single[block] = WIDE
     for i in range(LANES):
         a = U(body[t + i])
         r[o + HIT + i] = 0.0
-        if a == U(k.n):
-            continue
-        rx, ry = corner_arm(wall_code(r, o + i), 0.5 * k.width, c[a], s[a])
-        gap, nx, ny = circle_corner(x[a] + rx, y[a] + ry, k.wall_x)
-        margin = spare + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
-                                + 0.7072 * k.width * abs(w[a]))
-        count = 1.0 if gap <= margin else 0.0
-        swept = (gap < margin - spare) & (h * abs(w[a]) > SWEPT)
-        r[o + HIT + i] = 1.0 if swept else 0.0
-        r[o + COUNT + i], r[o + NX + i], r[o + NY + i] = count, nx, ny
-        r[o + GAP0 + i], r[o + GAP1 + i] = gap, gap
-        r[o + AN0 + i], r[o + BN0 + i] = rx * ny - ry * nx, 0.0
-        r[o + AN1 + i], r[o + BN1 + i] = r[o + AN0 + i], 0.0
-        r[o + AT + i], r[o + BT + i] = rx * nx + ry * ny, 0.0
-        up, over = arc(h * w[a])
-        fx, fy = h * (vx[a] - w[a] * ry), h * (vy[a] + w[a] * rx)
-        arcx, arcy = over * ry - up * rx, -over * rx - up * ry
-        later, _, _ = circle_corner(x[a] + rx + fx + arcx, y[a] + ry + fy + arcy, k.wall_x)
-        r[o + BEND0 + i] = r[o + BEND1 + i] = (later - gap + nx * fx + ny * fy) / (h * h)
-        r[o + WANTT + i] = (ny * arcx - nx * arcy) / (h * h)
-        r[o + PN0 + i] *= count
-        r[o + PT + i] *= count if r[o + PN0 + i] != 0.0 else 0.0
-        r[o + WARM0 + i], r[o + WARM1 + i], r[o + WARMT + i] = r[o + PN0 + i], 0.0, r[o + PT + i]
-        r[o + AX + i], r[o + AY + i], r[o + AW + i] = vx[a], vy[a], w[a]
+        if a != U(k.n):
+            place_corner(r, o + i, a, k, gain, x, y, c, s, v)
 
 
 @inline
 def place_block(rows: Rows, block: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
                 c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Where the rows of any one block touch now."""
-    wall = rows.body[U(block) * BODIES + LANES] == k.n
+    r, body, o, t = rows.field, rows.body, U(block) * BLOCK, U(block) * BODIES
+    wall = body[t + LANES] == k.n
     if wall and k.wall == CIRCLE:
         place_walls(rows, block, k, gain, x, y, c, s, v)
         return
     look(rows, block, x, y, c, s, v.vx, v.vy, v.w)
     if wall:
-        look_at_sides(rows, block, k, x, y)
+        for i in range(LANES):
+            look_at_side(r, body, o + i, t + i, k, x, y)
     place_pairs(rows, block, k.width, k.h, gain, wall)
 
 
-@inline
-def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float,
-                tolerance: float, near: float, gain: float) -> int:
-    """Effective masses of a block's rows and what closes; returns the points that may hit.
+@lane
+def place_row(rows: Rows, row: int, k: Numbers, gain: float, x: np.ndarray, y: np.ndarray,
+              c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
+    """Where one row touches now."""
+    r, body = rows.field, rows.body
+    at, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+    wall = body[t + LANES] == k.n
+    if wall and k.wall == CIRCLE:
+        place_corner(r, at, U(body[t]), k, gain, x, y, c, s, v)
+        return
+    look_at(r, body, at, t, x, y, c, s, v.vx, v.vy, v.w)
+    if wall:
+        look_at_side(r, body, at, t, k, x, y)
+    place_pair(r, at, k.width, k.h, gain, wall)
+
+
+@lane
+def weigh(r: np.ndarray, at: int, h: float, per_mass: float, threshold: float, tolerance: float,
+          near: float, gain: float) -> Any:
+    """Effective masses of the row in the lane at `at`, and what closes.
+
+    Returns whether a point may hit, and whether the row is live.
 
     k00, k11: velocity change of a point for a unit impulse there; k01: ... at the other point,
     or in a row of one point by a unit of friction; ktt: the same for friction; i: inverses, and
@@ -318,60 +358,75 @@ def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: fl
     gives nothing back and may rest there, nearer than `near` (m), so that it is to get one (`hold`
     in projection.py): where none is, a solve changes nothing.
     """
-    r, per_h, least = rows.field, 1.0 / h, GRAZED * tolerance
-    o, slow = U(block) * BLOCK, threshold + tolerance + per_h * gain
-    queued, first = rows.queued, U(block) * LANES
-    some, live = 0, 0
-    for i in range(LANES):
-        ma, mb = r[o + MA + i], r[o + MB + i]
-        an0, bn0, an1, bn1 = r[o + AN0 + i], r[o + BN0 + i], r[o + AN1 + i], r[o + BN1 + i]
-        at, bt, count = r[o + AT + i], r[o + BT + i], r[o + COUNT + i]
-        wa, wb, nx, ny = r[o + AW + i], r[o + BW + i], r[o + NX + i], r[o + NY + i]
-        linear, ia, ib = ma + mb, per_mass * ma, per_mass * mb
-        k00 = linear + ia * an0 * an0 + ib * bn0 * bn0
-        k11 = linear + ia * an1 * an1 + ib * bn1 * bn1
-        ktt = linear + ia * at * at + ib * bt * bt
-        one, two = count == 1.0, count == 2.0  # neither: a row that is not in contact
-        an, bn = (at if one else an1), (bt if one else bn1)
-        k01 = (0.0 if one else linear) + ia * an0 * an + ib * bn0 * bn
-        both = k00 * (ktt if one else k11)
-        det = both - k01 * k01
-        r[o + K00 + i], r[o + K01 + i], r[o + K11 + i], r[o + KTT + i] = k00, k01, k11, ktt
-        r[o + I00 + i] = 1.0 / k00 if k00 > 0.0 else 0.0
-        r[o + I11 + i] = 1.0 / k11 if k11 > 0.0 else 0.0
-        r[o + ITT + i] = 1.0 / ktt if ktt > 0.0 else 0.0
-        r[o + IDET + i] = 1.0 / det if det > 1e-9 * both else np.nan
-        along = (nx * (r[o + BX + i] - r[o + AX + i]) + ny * (r[o + BY + i] - r[o + AY + i]))
-        vn0, vn1 = along + bn0 * wb - an0 * wa, along + bn1 * wb - an1 * wa
-        r[o + VN0 + i], r[o + VN1 + i] = vn0, vn1
-        gap0, gap1 = r[o + GAP0 + i], r[o + GAP1 + i]
-        none = count == 0.0
-        bend0 = mirrored(h * r[o + BEND0 + i], vn0)
-        bend1 = mirrored(h * r[o + BEND1 + i], vn1)
-        r[o + BEND0 + i], r[o + BEND1 + i] = per_h * bend0, per_h * bend1
-        r[o + WANT0 + i] = NEVER if none else want(per_h * gap0, bend0)
-        r[o + WANT1 + i] = NEVER if none else want(per_h * gap1, bend1)
-        vt = (nx * (r[o + BY + i] - r[o + AY + i]) - ny * (r[o + BX + i] - r[o + AX + i])
-              + bt * wb - at * wa)
-        # Of two points one that bears alone: what lies flat on another does not swing on it.
-        swings = one | (two & ((r[o + WARM0 + i] > 0.0) != (r[o + WARM1 + i] > 0.0)))
-        r[o + WANTT + i] = mirrored(h * r[o + WANTT + i], vt) if swings else 0.0
-        closes0 = (count > 0.5) & (gap0 + h * (vn0 + bend0) <= gain)
-        closes1 = two & (gap1 + h * (vn1 + bend1) <= gain)
-        pressed = (r[o + WARM0 + i] > 0.0) | (r[o + WARM1 + i] > 0.0)
-        rests = (r[o + E + i] == 0.0) & (count > 0.5) & (
-            ((gap0 < near) & (abs(vn0) < slow)) | (two & (gap1 < near) & (abs(vn1) < slow)))
-        hit0 = closes0 & (vn0 < -threshold) & (k00 * r[o + WARM0 + i] <= least)
-        hit1 = closes1 & (vn1 < -threshold) & (k11 * r[o + WARM1 + i] <= least)
-        perhaps = ((r[o + HIT + i] != 0.0) & (k00 * r[o + WARM0 + i] <= least)
-                   & (k11 * r[o + WARM1 + i] <= least))
-        hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
-        r[o + HIT + i] = -r[o + HIT + i] if perhaps & (hit == 0.0) else hit
-        some += 1 if perhaps | hit0 | hit1 else 0
-        live += 1 if closes0 | closes1 | pressed | rests else 0
-    rows.hits[block], rows.live[block] = some, live
+    per_h, least = 1.0 / h, GRAZED * tolerance
+    slow = threshold + tolerance + per_h * gain
+    ma, mb = r[at + MA], r[at + MB]
+    an0, bn0, an1, bn1 = r[at + AN0], r[at + BN0], r[at + AN1], r[at + BN1]
+    ta, tb, count = r[at + AT], r[at + BT], r[at + COUNT]
+    wa, wb, nx, ny = r[at + AW], r[at + BW], r[at + NX], r[at + NY]
+    linear, ia, ib = ma + mb, per_mass * ma, per_mass * mb
+    k00 = linear + ia * an0 * an0 + ib * bn0 * bn0
+    k11 = linear + ia * an1 * an1 + ib * bn1 * bn1
+    ktt = linear + ia * ta * ta + ib * tb * tb
+    one, two = count == 1.0, count == 2.0  # neither: a row that is not in contact
+    an, bn = (ta if one else an1), (tb if one else bn1)
+    k01 = (0.0 if one else linear) + ia * an0 * an + ib * bn0 * bn
+    both = k00 * (ktt if one else k11)
+    det = both - k01 * k01
+    r[at + K00], r[at + K01], r[at + K11], r[at + KTT] = k00, k01, k11, ktt
+    r[at + I00] = 1.0 / k00 if k00 > 0.0 else 0.0
+    r[at + I11] = 1.0 / k11 if k11 > 0.0 else 0.0
+    r[at + ITT] = 1.0 / ktt if ktt > 0.0 else 0.0
+    r[at + IDET] = 1.0 / det if det > 1e-9 * both else np.nan
+    along = (nx * (r[at + BX] - r[at + AX]) + ny * (r[at + BY] - r[at + AY]))
+    vn0, vn1 = along + bn0 * wb - an0 * wa, along + bn1 * wb - an1 * wa
+    r[at + VN0], r[at + VN1] = vn0, vn1
+    gap0, gap1 = r[at + GAP0], r[at + GAP1]
+    none = count == 0.0
+    bend0 = mirrored(h * r[at + BEND0], vn0)
+    bend1 = mirrored(h * r[at + BEND1], vn1)
+    r[at + BEND0], r[at + BEND1] = per_h * bend0, per_h * bend1
+    r[at + WANT0] = NEVER if none else want(per_h * gap0, bend0)
+    r[at + WANT1] = NEVER if none else want(per_h * gap1, bend1)
+    vt = (nx * (r[at + BY] - r[at + AY]) - ny * (r[at + BX] - r[at + AX])
+          + tb * wb - ta * wa)
+    # Of two points one that bears alone: what lies flat on another does not swing on it.
+    swings = one | (two & ((r[at + WARM0] > 0.0) != (r[at + WARM1] > 0.0)))
+    r[at + WANTT] = mirrored(h * r[at + WANTT], vt) if swings else 0.0
+    closes0 = (count > 0.5) & (gap0 + h * (vn0 + bend0) <= gain)
+    closes1 = two & (gap1 + h * (vn1 + bend1) <= gain)
+    pressed = (r[at + WARM0] > 0.0) | (r[at + WARM1] > 0.0)
+    rests = (r[at + E] == 0.0) & (count > 0.5) & (
+        ((gap0 < near) & (abs(vn0) < slow)) | (two & (gap1 < near) & (abs(vn1) < slow)))
+    hit0 = closes0 & (vn0 < -threshold) & (k00 * r[at + WARM0] <= least)
+    hit1 = closes1 & (vn1 < -threshold) & (k11 * r[at + WARM1] <= least)
+    perhaps = ((r[at + HIT] != 0.0) & (k00 * r[at + WARM0] <= least)
+               & (k11 * r[at + WARM1] <= least))
+    hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)
+    r[at + HIT] = -r[at + HIT] if perhaps & (hit == 0.0) else hit
+    return perhaps | hit0 | hit1, closes0 | closes1 | pressed | rests
+
+
+@lane
+def never_queue(rows: Rows, block: int) -> None:
+    """What is not in contact is never on the list of a pass."""
+    r, o, queued, first = rows.field, U(block) * BLOCK, rows.queued, U(block) * LANES
     for i in range(LANES):
         queued[first + i] = 1 if r[o + COUNT + i] == 0.0 else 0
+
+
+@rolled
+def weigh_block(rows: Rows, block: int, h: float, per_mass: float, threshold: float,
+                tolerance: float, near: float, gain: float) -> int:
+    """`weigh` the rows of a block; returns how many may hit."""
+    r, o = rows.field, U(block) * BLOCK
+    some, live = 0, 0
+    for i in range(LANES):
+        hits, lives = weigh(r, o + i, h, per_mass, threshold, tolerance, near, gain)
+        some += 1 if hits else 0
+        live += 1 if lives else 0
+    rows.hits[block], rows.live[block] = some, live
+    never_queue(rows, block)
     return some
 
 

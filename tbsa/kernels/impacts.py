@@ -36,8 +36,9 @@ from tbsa.kernels.contacts import (
     RESTS,
     SPARE,
     SWEPT,
-    place_block,
-    weigh_block,
+    never_queue,
+    place_row,
+    weigh,
 )
 from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
 from tbsa.kernels.geometry import (
@@ -93,10 +94,11 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    lane_of,
     root,
     wall_code,
 )
-from tbsa.kernels.sweeps import lane_of, solve_row
+from tbsa.kernels.sweeps import solve_row
 
 # Points nearer than this fraction of the width take part in an impact of their tiles, at most.
 TOUCHING = 1e-3
@@ -156,7 +158,6 @@ class Scratch(NamedTuple):
     drawn: np.ndarray  # int64, whether it has been asked for that
     leans: np.ndarray  # int64, and lies on a tile that moves, so that forces are no part of it
     pulled: np.ndarray  # int64, the tiles that have
-    kept: np.ndarray  # a block of which one row is placed again
     left: np.ndarray  # int64, the rows that an impact of this substep has left together
     points: np.ndarray  # int64, and which of their points: 1, 2 or 3; 0 of all others
     size: np.ndarray  # int64[4], rows and tiles that take part, tiles that are asked, rows `left`
@@ -166,8 +167,8 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "struck", "island", "drawn", "leans", "pulled"}
     parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-4]])
-    parts += [np.zeros(int(BLOCK)), *columns(WIDE * blocks, [int, int])]
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-3]])
+    parts += columns(WIDE * blocks, [int, int])
     return Scratch._make([*parts, np.zeros(4, np.int64)])
 
 
@@ -714,33 +715,24 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
 
 @lane
 def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float, v: Bodies,
-                z: Scratch, x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """A row from where its tiles are now, and whether it hits at their new velocities.
-
-    It is placed with its block, whose other rows, if there are any, far away perhaps, stay as they
-    are.
-    """
-    r, kept, block, lane = rows.field, z.kept, row // WIDE, U(row % WIDE)
-    first, single, live, others = U(block) * BLOCK, rows.single[block], rows.live[block], False
+                x: np.ndarray, y: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """A row from where its tiles are now, and whether it hits at their new velocities; the others
+    of its block, far away perhaps, stay as they are."""
+    r, block = rows.field, row // WIDE
+    first, single, lives = U(block) * BLOCK, rows.single[block], False
+    place_row(rows, row, k, gain, x, y, c, s, v)
     for i in range(LANES):
-        others |= (i != lane) & (r[first + MA + i] + r[first + MB + i] != 0.0)
-    if others:
-        if single == IDLE:  # nobody has weighed them yet
-            weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, RESTS * k.width, gain)
-        for i in range(BLOCK):
-            kept[i] = r[first + i]
-    place_block(rows, block, k, gain, x, y, c, s, v)
-    weigh_block(rows, block, k.h, k.per_mass, threshold, k.tolerance, RESTS * k.width, gain)
-    if others:
-        for field in range(ZERO, BLOCK, LANES):
-            for i in range(LANES):
-                r[first + field + i] = r[first + field + i] if i == lane else kept[field + i]
-        rows.live[block] = max(live, rows.live[block])
+        if first + i == lane_of(row) or single == IDLE:  # nobody has weighed these yet
+            _, live = weigh(r, first + i, k.h, k.per_mass, threshold, k.tolerance, RESTS * k.width,
+                            gain)
+            lives |= live
+    if lives:
+        rows.live[block] = 1
     hits, lone = 0, 0
     for i in range(LANES):
         hits += 1 if r[first + HIT + i] != 0.0 else 0
         lone += 1 if r[first + COUNT + i] == 1.0 else 0
-        rows.queued[U(block) * LANES + i] = 1 if r[first + COUNT + i] == 0.0 else 0
+    never_queue(rows, block)
     rows.hits[block], rows.single[block] = hits, single if single == LANES else lone
 
 
@@ -752,7 +744,7 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
 
     A pressed point that it throws on, faster than a solve leaves it, hits like any other.
     """
-    place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
+    place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
     r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
     slow = comes_off(k, threshold, max(corner_speed(k, v, rows.body[t]),
                                        corner_speed(k, v, rows.body[t + LANES])))
@@ -761,7 +753,7 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
     if first or second:
         r[at + PN0] = 0.0 if first else r[at + PN0]
         r[at + PN1] = 0.0 if second else r[at + PN1]
-        place_again(rows, row, k, threshold, loads.gain, v, z, x, y, c, s)
+        place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
     if r[at + HIT] != 0.0:
         expect(rows, row, k, loads, v, z, x, y, angle, c, s)
 
@@ -826,7 +818,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         moved |= z.when[i] > 0.0
     hit = r[at + HIT]
     if moved:
-        place_again(rows, q, k, k.threshold, 0.0, v, z, x, y, c, s)
+        place_again(rows, q, k, k.threshold, 0.0, v, x, y, c, s)
     if r[at + COUNT] != 0.0:
         gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
         left = max(k.h - time, SAME * k.h) if moved else k.h

@@ -40,13 +40,13 @@ from tbsa.kernels.rows import (
     WARMT,
     WIDE,
     Rows,
+    lane_of,
 )
 from tbsa.kernels.sweeps import (
     LITTLE,
     MANY,
     gather,
     gather_row,
-    lane_of,
     queue,
     queue_changed,
     row_change,

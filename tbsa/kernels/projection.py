@@ -63,9 +63,10 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    lane_of,
     wall_code,
 )
-from tbsa.kernels.sweeps import lane_of, queue
+from tbsa.kernels.sweeps import queue
 
 # Overlap that is left alone (fraction of the width).  The velocity solve does not press points
 # together, so overlap comes from the curvature of fast rotations and from unconverged passes.

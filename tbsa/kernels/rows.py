@@ -369,6 +369,12 @@ def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
     return False
 
 
+@inline
+def lane_of(q: int) -> Any:
+    """Where the lane of row q (WIDE block + lane) begins."""
+    return U(q // WIDE) * BLOCK + U(q % WIDE)
+
+
 @lane
 def wall_code(r: np.ndarray, i: int) -> int:
     """Which corner or side (see `gap_to_wall`) the row of a wall in lane i is of: a part of all the

@@ -55,6 +55,7 @@ from tbsa.kernels.rows import (
     PT,
     WIDE,
     Rows,
+    lane_of,
 )
 
 # A row is solved again if its tiles have been moved by more than this part of the tolerance: each
@@ -112,12 +113,6 @@ def scatter(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarra
         a, b = U(body[t + i]), U(body[t + LANES + i])
         vx[a], vy[a], w[a] = r[o + AX + i], r[o + AY + i], r[o + AW + i]
         vx[b], vy[b], w[b] = r[o + BX + i], r[o + BY + i], r[o + BW + i]
-
-
-@inline
-def lane_of(q: int) -> Any:
-    """Where the lane of row q (WIDE block + lane) begins."""
-    return U(q // WIDE) * BLOCK + U(q % WIDE)
 
 
 @inline
