@@ -1365,6 +1365,53 @@ def test_a_point_that_a_manifold_has_not_got_takes_no_part():
     assert np.abs(ends[1] - ends[0]).max() < 1e-9
 
 
+@pytest.mark.parametrize("e", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("threshold", [0.0, 1e-4])
+@pytest.mark.parametrize("spin", [0.0, 2.0, -20.0])
+def test_bounces_along_a_round_wall_end_in_contact(e, threshold, spin):
+    """However slow bounces are: a corner that slides along the wall comes back to it, sooner each
+    time.  It hit 1,000 times a second, and every hit left it deeper, to the slop of 1e-3."""
+    def slide(step, substeps):
+        start = 0.15 - 0.5 * WIDTH * math.sqrt(2.0) - 1e-4
+        s = simulate([tile(start, 0.0, 0.25 * math.pi, 0.02, 0.3, spin)], step=step,
+                     substeps=substeps, tolerance=1e-5, passes=40,
+                     body=material(friction=0.0, restitution=e, restitution_threshold=threshold),
+                     reactor=Reactor("circle", 0.15, friction=0.0, restitution=e))
+        out = 0.0
+        for _ in range(round(1.0 / step)):
+            s.advance(1)
+            out = max(out, beyond_wall(s.scene, s.x, s.y, s.angle))
+        return np.array([s.vx[0], s.vy[0], 0.5 * WIDTH * s.omega[0]]), out, s.counts.impacts[0]
+
+    found, out, hits = slide(1 / 480, 4)
+    fine, _, _ = slide(1 / 7680, 1)
+    assert hits < 40
+    assert out < 2e-4
+    assert np.abs(found - fine).max() < 1e-3
+
+
+@pytest.mark.parametrize("e", [0.02, 0.05])
+@pytest.mark.parametrize("threshold", [0.0, 0.01])
+def test_a_corner_that_bounces_for_less_than_a_substep_is_in_contact(e, threshold):
+    """A tile spins into another one; its corner bounces once or twice, and then is borne along the
+    curve of its way.  Hit once a substep, and not borne, it was off by 0.8 rad/s."""
+    tiles = [(-0.04246031895394268, -0.01008922875072182, 0.3959409297890365,
+              1.3586216231962303, -0.9807967918654902, 95.58267503851897),
+             (-0.023259644392973886, -0.047581941706474486, 0.06274797359765506,
+              -0.12947619360216334, -0.06140164660529461, 15.202133492658566)]
+    for before in np.linspace(0.0, 5.2e-4, 5):
+        spins = []
+        for step, substeps, steps in ((H, 4, 3), (H / 64, 1, 192)):
+            s = simulate([tile(x - before * vx, y - before * vy, angle - before * w, vx, vy, w)
+                          for x, y, angle, vx, vy, w in tiles], step=step, substeps=substeps,
+                         tolerance=1e-9, passes=200,
+                         body=material(friction=0.6, restitution=e,
+                                       restitution_threshold=threshold))
+            s.advance(steps)
+            spins.append(s.omega[0])
+        assert spins[0] == pytest.approx(spins[1], abs=0.03)
+
+
 @pytest.mark.parametrize("drive", [None, Drive("constant", (0.07, 0.02), 0.0)])
 def test_what_turns_on_its_way_to_a_slow_touch_is_not_stopped_on_the_chord(drive):
     """Two plastic tiles of which one spins fast: after the impact one corner would hit again along

@@ -383,8 +383,8 @@ def weigh(r: np.ndarray, at: int, h: float, per_mass: float, threshold: float, t
     r[at + VN0], r[at + VN1] = vn0, vn1
     gap0, gap1 = r[at + GAP0], r[at + GAP1]
     none = count == 0.0
-    bend0 = mirrored(h * r[at + BEND0], vn0)
-    bend1 = mirrored(h * r[at + BEND1], vn1)
+    arc0, arc1 = h * r[at + BEND0], h * r[at + BEND1]
+    bend0, bend1 = mirrored(arc0, vn0), mirrored(arc1, vn1)
     r[at + BEND0], r[at + BEND1] = per_h * bend0, per_h * bend1
     r[at + WANT0] = NEVER if none else want(per_h * gap0, bend0)
     r[at + WANT1] = NEVER if none else want(per_h * gap1, bend1)
@@ -398,8 +398,14 @@ def weigh(r: np.ndarray, at: int, h: float, per_mass: float, threshold: float, t
     pressed = (r[at + WARM0] > 0.0) | (r[at + WARM1] > 0.0)
     rests = (r[at + E] == 0.0) & (count > 0.5) & (
         ((gap0 < near) & (abs(vn0) < slow)) | (two & (gap1 < near) & (abs(vn1) < slow)))
-    hit0 = closes0 & (vn0 < -threshold) & (k00 * r[at + WARM0] <= least)
-    hit1 = closes1 & (vn1 < -threshold) & (k11 * r[at + WARM1] <= least)
+    # What leaves now may come back within h, along its arc.
+    back0 = ((count > 0.5) & (vn0 > 0.0) & (gap0 + h * (vn0 + arc0) <= 0.0)
+             & (vn0 + 2.0 * arc0 < -threshold))
+    back1 = (two & (vn1 > 0.0) & (gap1 + h * (vn1 + arc1) <= 0.0)
+             & (vn1 + 2.0 * arc1 < -threshold))
+    bounces = r[at + E] > 0.0
+    hit0 = ((closes0 & (vn0 < -threshold)) | (back0 & bounces)) & (k00 * r[at + WARM0] <= least)
+    hit1 = ((closes1 & (vn1 < -threshold)) | (back1 & bounces)) & (k11 * r[at + WARM1] <= least)
     perhaps = ((r[at + HIT] != 0.0) & (k00 * r[at + WARM0] <= least)
                & (k11 * r[at + WARM1] <= least))
     hit = (1.0 if hit0 else 0.0) + (2.0 if hit1 else 0.0)

@@ -641,6 +641,18 @@ def closing(wa: float, wb: float, vt: float, at: float, bt: float, of_a: bool,
     return wb * wb * bt - wa * wa * at - 2.0 * vt * (wa if of_a else wb) + vt * vt / radius
 
 
+@lane
+def is_back(k: Numbers, e: float, speed: float, back: float, spin: float) -> bool:
+    """Whether what hits at this `speed` (m/s) bounces, but would be back before the end of the
+    substep, brought by the curve of its path, or of what it hits: it is in contact from now on.
+
+    What leaves at `back` (m/s) comes at the end.  Bounces that get shorter and shorter end in a
+    contact; hit once a substep, and back before its end, a tile sank in as it slid along a round
+    wall.  What turns fast bounces on.
+    """
+    return bool(e > 0.0 and e * speed < back and k.h * spin <= SWEPT)
+
+
 @inline
 def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
                 y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads,
@@ -677,7 +689,11 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     back = 0.5 * (k.h - time) * closing(
         w[a] - ma * ii * (an * pn + at * pt), w[b] + mb * ii * (bn * pn + bt * pt),
         vt + knt * pn + ktt * pt, at, bt, of_a, k.wall_x if round_wall else math.inf)
-    if back > max(k.threshold + k.tolerance, -e * vn) and k.h * (abs(w[a]) + abs(w[b])) > SWEPT:
+    stays = is_back(k, e, -vn, back, abs(w[a]) + abs(w[b]))
+    if stays:
+        pn, pt = routh(vn, vt, knn, ktt, knt, mu, 0.0)
+    elif back > max(k.threshold + k.tolerance, -e * vn) and (
+            k.h * (abs(w[a]) + abs(w[b])) > SWEPT):
         pn, pt = routh(vn, vt, knn, ktt, knt, mu, max(e, min(1.0, back / -vn)))
     px, py = nx * pn - ny * pt, ny * pn + nx * pt
     turn_a, turn_b = -ma * ii * (an * pn + at * pt), mb * ii * (bn * pn + bt * pt)
@@ -704,13 +720,45 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
         z.since[body_index] = time
     # What turns may close again, by next to nothing, where it has just been stopped.
     threshold = max(k.threshold, -1e-3 * vn)
-    look_again(rows, row, k, threshold, loads, v, z, x, y, angle, c, s)
+    if stays:
+        place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
+        stay_together(rows, row, an, bn, k, z)
+    else:
+        look_again(rows, row, k, threshold, loads, v, z, x, y, angle, c, s)
     for body_index in (a, b):
         if v.mobile[body_index] == 0.0:
             continue
         for p in range(rows.start[body_index], rows.start[body_index + 1]):
             if rows.of[p] != row:
                 look_again(rows, rows.of[p], k, threshold, loads, v, z, x, y, angle, c, s)
+
+
+@lane
+def note_together(rows: Rows, row: int, k: Numbers, z: Scratch) -> None:
+    """Give the points of a row that impacts of this substep have left together an impulse, if they
+    have none: they are in contact, and do not hit."""
+    r, at, little = rows.field, lane_of(row), NOTED * k.tolerance
+    if z.points[row] & 1:
+        r[at + PN0] = r[at + WARM0] = max(r[at + PN0], little * r[at + I00])
+    if z.points[row] & 2:
+        r[at + PN1] = r[at + WARM1] = max(r[at + PN1], little * r[at + I11])
+
+
+@lane
+def stay_together(rows: Rows, row: int, an: float, bn: float, k: Numbers, z: Scratch) -> None:
+    """The point of a row that has these lever arms, if it tells of it, is in contact from now on,
+    and does not hit again in this substep."""
+    r, at = rows.field, lane_of(row)
+    off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
+    off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
+    if r[at + COUNT] == 0.0 or min(off0, off1) > SWEPT * k.width:
+        return
+    if z.points[row] == 0:
+        z.left[z.size[3]] = row
+        z.size[3] += 1
+    z.points[row] |= 1 if off0 <= off1 else 2
+    note_together(rows, row, k, z)
+    r[at + HIT] = 0.0
 
 
 @lane
@@ -1088,7 +1136,8 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
 def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
                    angle: np.ndarray) -> None:
     """Of the points that impacts of this substep have pressed, keep those that they have left
-    together, and that press on each other as their tiles turn: they touch.
+    together, and that press on each other as their tiles turn, and those that are back before its
+    end: they touch.
 
     Not what turns fast: what bears it does work, and a solve does none.
     """
@@ -1100,14 +1149,16 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
             a, b = U(body[t]), U(body[t + LANES])
             along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
-            if along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a] > slow:
-                z.points[q] &= 2
-            if along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a] > slow:
-                z.points[q] &= 1
-            if z.points[q] != 0 and (
-                    k.h * (abs(v.w[a]) + abs(v.w[b])) > SWEPT
-                    or clears(rows, q, k, v, x, y, angle, k.h, NOWHERE * k.width)):
-                z.points[q] = 0
+            vn0 = along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a]
+            vn1 = along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a]
+            e, spin, left = r[at + E], abs(v.w[a]) + abs(v.w[b]), z.time[q] - k.h
+            back = ((1 if e > 0.0 and is_back(k, 1.0, vn0, left * r[at + BEND0], spin) else 0)
+                    + (2 if e > 0.0 and is_back(k, 1.0, vn1, left * r[at + BEND1], spin) else 0))
+            stay = (1 if vn0 <= slow else 0) + (2 if vn1 <= slow else 0)
+            if stay != 0 and (k.h * spin > SWEPT or clears(rows, q, k, v, x, y, angle, k.h,
+                                                           NOWHERE * k.width)):
+                stay = 0
+            z.points[q] &= stay | back
         if z.points[q] != 0:
             z.left[z.size[3]] = q
             z.size[3] += 1
@@ -1121,15 +1172,9 @@ def keep_together(rows: Rows, k: Numbers, z: Scratch) -> None:
     What turns as it is hit comes again in the next substep, as its faces turn.  There the solve
     bears it; it would hit, and bounce, in every substep.
     """
-    r, little = rows.field, NOTED * k.tolerance
     for j in range(z.size[3]):
-        q = z.left[j]
-        at = lane_of(q)
-        if z.points[q] & 1:
-            r[at + PN0] = max(r[at + PN0], little * r[at + I00])
-        if z.points[q] & 2:
-            r[at + PN1] = max(r[at + PN1], little * r[at + I11])
-        z.points[q] = 0
+        note_together(rows, z.left[j], k, z)
+        z.points[z.left[j]] = 0
     z.size[3] = 0
 
 
@@ -1170,8 +1215,16 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 z.left[z.size[3]] = q
                 z.size[3] += 1
             z.points[q] |= (1 if p0 > 0.0 else 0) + (2 if p1 > 0.0 else 0)
-        p0 = e * p0 if p0 * r[at + K00] > k.threshold else 0.0
-        p1 = e * p1 if p1 * r[at + K11] > k.threshold else 0.0
+        v0, v1, left = p0 * r[at + K00], p1 * r[at + K11], z.time[q] - k.h
+        spin = abs(v.w[body[t]]) + abs(v.w[body[t + LANES]])
+        arc0, arc1 = r[at + BEND0], r[at + BEND1]
+        # What was in contact comes, in a substep, by what its arc gives.
+        came0 = v0 + 2.0 * k.h * arc0 if r[at + WARM0] > 0.0 else v0
+        came1 = v1 + 2.0 * k.h * arc1 if r[at + WARM1] > 0.0 else v1
+        back0 = v0 > 0.0 and is_back(k, e, came0, left * arc0, spin)
+        back1 = v1 > 0.0 and is_back(k, e, came1, left * arc1, spin)
+        p0 = e * p0 if v0 > k.threshold and not back0 else 0.0
+        p1 = e * p1 if v1 > k.threshold and not back1 else 0.0
         r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
         r[at + BASE] = p0 + p1
         if p0 + p1 > 0.0:
@@ -1203,6 +1256,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         rows.live[q // WIDE] = 1  # it is solved as it goes now, and may not be placed again
         r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
         r[at + BASE] = r[at + HIT] = 0.0
+        note_together(rows, q, k, z)
     for j in range(z.size[1]):
         i = z.tiles[j]
         for p in range(rows.start[i], rows.start[i + 1]):
