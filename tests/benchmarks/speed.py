@@ -74,7 +74,7 @@ DELETED = {
     "wall": {"advance.py": [(r"k\.wall == CIRCLE", "False"), (r"k\.wall != 0", "False")],
              "rows.py": [(r"if k\.wall == 0 or", "if True or")],
              "contacts.py": [(r"if end <= pairs:", "if True:"),
-                             (r"rows\.body\[U\(block\) \* BODIES \+ LANES\] == k\.n", "False")]},
+                             (r"body\[t \+ LANES\] == k\.n", "False")]},
     "floor": {name: [(r"floor\.law", "0")] for name in ("advance.py", "solver.py", "sweeps.py")},
     "drive": {"advance.py": [(r"k\.driven != 0", "False")]},
 }
