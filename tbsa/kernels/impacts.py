@@ -723,8 +723,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     if stays:
         place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
         stay_together(rows, row, an, bn, k, z)
-    else:
-        look_again(rows, row, k, threshold, loads, v, z, x, y, angle, c, s)
+    look_again(rows, row, k, threshold, loads, v, z, x, y, angle, c, s)
     for body_index in (a, b):
         if v.mobile[body_index] == 0.0:
             continue
@@ -746,8 +745,7 @@ def note_together(rows: Rows, row: int, k: Numbers, z: Scratch) -> None:
 
 @lane
 def stay_together(rows: Rows, row: int, an: float, bn: float, k: Numbers, z: Scratch) -> None:
-    """The point of a row that has these lever arms, if it tells of it, is in contact from now on,
-    and does not hit again in this substep."""
+    """The point of a row with these lever arms, if it tells of it, is in contact from now on."""
     r, at = rows.field, lane_of(row)
     off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
     off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
@@ -758,7 +756,6 @@ def stay_together(rows: Rows, row: int, an: float, bn: float, k: Numbers, z: Scr
         z.size[3] += 1
     z.points[row] |= 1 if off0 <= off1 else 2
     note_together(rows, row, k, z)
-    r[at + HIT] = 0.0
 
 
 @lane
