@@ -272,7 +272,7 @@ def place_corner(r: np.ndarray, at: int, a: int, k: Numbers, gain: float, x: np.
     rx, ry = corner_arm(wall_code(r, at), 0.5 * k.width, c[a], s[a])
     gap, nx, ny = circle_corner(x[a] + rx, y[a] + ry, k.wall_x)
     margin = spare + h * (math.sqrt(vx[a] * vx[a] + vy[a] * vy[a])
-                            + 0.7072 * k.width * abs(w[a]))
+                          + 0.7072 * k.width * abs(w[a]))
     count = 1.0 if gap <= margin else 0.0
     swept = (gap < margin - spare) & (h * abs(w[a]) > SWEPT)
     r[at + HIT] = 1.0 if swept else 0.0

@@ -642,15 +642,15 @@ def closing(wa: float, wb: float, vt: float, at: float, bt: float, of_a: bool,
 
 
 @lane
-def is_back(k: Numbers, e: float, speed: float, back: float, spin: float) -> bool:
-    """Whether what hits at this `speed` (m/s) bounces, but would be back before the end of the
+def is_back(k: Numbers, e: float, leaves: float, back: float, spin: float) -> bool:
+    """Whether what bounces, and leaves as fast as this (m/s), would be back before the end of the
     substep, brought by the curve of its path, or of what it hits: it is in contact from now on.
 
     What leaves at `back` (m/s) comes at the end.  Bounces that get shorter and shorter end in a
     contact; hit once a substep, and back before its end, a tile sank in as it slid along a round
     wall.  What turns fast bounces on.
     """
-    return bool(e > 0.0 and e * speed < back and k.h * spin <= SWEPT)
+    return bool(e > 0.0 and leaves < back and k.h * spin <= SWEPT)
 
 
 @inline
@@ -665,7 +665,8 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
 
     Tiles that spin may bounce too little to stay apart for the rest of the substep: ever smaller
     bounces end in a contact that lasts along the curve of a corner.  Such a point leaves as fast,
-    though no faster than it came, as brings it back at the end, or it would sink in.
+    though no faster than it came, as brings it back at the end, or it would sink in.  What turns
+    slower, and `is_back` before the end, does not bounce.
     """
     r, body = rows.field, rows.body
     i, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
@@ -689,7 +690,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     back = 0.5 * (k.h - time) * closing(
         w[a] - ma * ii * (an * pn + at * pt), w[b] + mb * ii * (bn * pn + bt * pt),
         vt + knt * pn + ktt * pt, at, bt, of_a, k.wall_x if round_wall else math.inf)
-    stays = is_back(k, e, -vn, back, abs(w[a]) + abs(w[b]))
+    stays = is_back(k, e, -e * vn, back, abs(w[a]) + abs(w[b]))
     if stays:
         pn, pt = routh(vn, vt, knn, ktt, knt, mu, 0.0)
     elif back > max(k.threshold + k.tolerance, -e * vn) and (
@@ -735,7 +736,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
 @lane
 def note_together(rows: Rows, row: int, k: Numbers, z: Scratch) -> None:
     """Give the points of a row that impacts of this substep have left together an impulse, if they
-    have none: they are in contact, and do not hit."""
+    have none: they are in contact, and do not hit.  It is what `bear` puts back, too."""
     r, at, little = rows.field, lane_of(row), NOTED * k.tolerance
     if z.points[row] & 1:
         r[at + PN0] = r[at + WARM0] = max(r[at + PN0], little * r[at + I00])
@@ -745,7 +746,8 @@ def note_together(rows: Rows, row: int, k: Numbers, z: Scratch) -> None:
 
 @lane
 def stay_together(rows: Rows, row: int, an: float, bn: float, k: Numbers, z: Scratch) -> None:
-    """The point of a row with these lever arms, if it tells of it, is in contact from now on."""
+    """The point of a row with these lever arms is in contact from now on, if the row tells of it
+    yet: where its tiles now are they have not turned further than is told as `SWEPT`."""
     r, at = rows.field, lane_of(row)
     off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
     off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
@@ -1149,8 +1151,8 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             vn0 = along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a]
             vn1 = along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a]
             e, spin, left = r[at + E], abs(v.w[a]) + abs(v.w[b]), z.time[q] - k.h
-            back = ((1 if e > 0.0 and is_back(k, 1.0, vn0, left * r[at + BEND0], spin) else 0)
-                    + (2 if e > 0.0 and is_back(k, 1.0, vn1, left * r[at + BEND1], spin) else 0))
+            back = ((1 if is_back(k, e, vn0, left * r[at + BEND0], spin) else 0)
+                    + (2 if is_back(k, e, vn1, left * r[at + BEND1], spin) else 0))
             stay = (1 if vn0 <= slow else 0) + (2 if vn1 <= slow else 0)
             if stay != 0 and (k.h * spin > SWEPT or clears(rows, q, k, v, x, y, angle, k.h,
                                                            NOWHERE * k.width)):
@@ -1218,8 +1220,8 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         # What was in contact comes, in a substep, by what its arc gives.
         came0 = v0 + 2.0 * k.h * arc0 if r[at + WARM0] > 0.0 else v0
         came1 = v1 + 2.0 * k.h * arc1 if r[at + WARM1] > 0.0 else v1
-        back0 = v0 > 0.0 and is_back(k, e, came0, left * arc0, spin)
-        back1 = v1 > 0.0 and is_back(k, e, came1, left * arc1, spin)
+        back0 = v0 > 0.0 and is_back(k, e, e * came0, left * arc0, spin)
+        back1 = v1 > 0.0 and is_back(k, e, e * came1, left * arc1, spin)
         p0 = e * p0 if v0 > k.threshold and not back0 else 0.0
         p1 = e * p1 if v1 > k.threshold and not back1 else 0.0
         r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
