@@ -71,6 +71,8 @@ from tbsa.kernels.rows import (
     HIT,
     I00,
     I11,
+    ID0,
+    ID1,
     IDLE,
     K00,
     K11,
@@ -160,16 +162,23 @@ class Scratch(NamedTuple):
     pulled: np.ndarray  # int64, the tiles that have
     left: np.ndarray  # int64, the rows that an impact of this substep has left together
     points: np.ndarray  # int64, and which of their points: 1, 2 or 3; 0 of all others
-    size: np.ndarray  # int64[4], rows and tiles that take part, tiles that are asked, rows `left`
+    thrown: np.ndarray  # int64, the rows that an impact of this substep throws on, though pressed
+    lost0: np.ndarray  # N s, what their points bore until then; 0 of all others
+    lost1: np.ndarray
+    lostt: np.ndarray  # N s, and their friction
+    was0: np.ndarray  # the feature ids of these points
+    was1: np.ndarray
+    size: np.ndarray  # int64[5], rows and tiles that take part, tiles that are asked, rows `left`
+    # and `thrown`
 
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "struck", "island", "drawn", "leans", "pulled"}
     parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-3]])
-    parts += columns(WIDE * blocks, [int, int])
-    return Scratch._make([*parts, np.zeros(4, np.int64)])
+    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-9]])
+    parts += columns(WIDE * blocks, [int, int, int, float, float, float, float, float])
+    return Scratch._make([*parts, np.zeros(5, np.int64)])
 
 
 class Loads(NamedTuple):
@@ -284,14 +293,20 @@ def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
     early[0] = m
 
 
+@lane
+def approach(r: np.ndarray, at: int, v: Bodies, a: int, b: int) -> Any:
+    """Normal velocities of the points of a row of bodies a and b (m/s), < 0 where they come."""
+    along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
+    return (along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a],
+            along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a])
+
+
 @inline
 def stays_on(r: np.ndarray, at: int, v: Bodies, a: int, b: int, slow: float) -> bool:
     """Whether a point of a row of bodies a and b that was pressed does not come off, faster than
     `slow` (m/s)."""
-    wa, wb = v.w[a], v.w[b]
-    along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
-    return bool((r[at + WARM0] > 0.0 and along + r[at + BN0] * wb - r[at + AN0] * wa <= slow)
-                or (r[at + WARM1] > 0.0 and along + r[at + BN1] * wb - r[at + AN1] * wa <= slow))
+    vn0, vn1 = approach(r, at, v, a, b)
+    return bool((r[at + WARM0] > 0.0 and vn0 <= slow) or (r[at + WARM1] > 0.0 and vn1 <= slow))
 
 
 @lane
@@ -784,6 +799,44 @@ def place_again(rows: Rows, row: int, k: Numbers, threshold: float, gain: float,
 
 
 @lane
+def let_go(r: np.ndarray, row: int, first: bool, second: bool, z: Scratch) -> None:
+    """Take from pressed points of a row what they bore, so that they hit, and note it."""
+    at = lane_of(row)
+    if z.lost0[row] == 0.0 and z.lost1[row] == 0.0:
+        z.thrown[z.size[4]] = row
+        z.size[4] += 1
+        z.lostt[row] = r[at + PT]
+    if first:
+        before = z.lost0[row] if z.was0[row] == r[at + ID0] else 0.0
+        z.lost0[row], z.was0[row], r[at + PN0] = max(before, r[at + PN0]), r[at + ID0], 0.0
+    if second:
+        before = z.lost1[row] if z.was1[row] == r[at + ID1] else 0.0
+        z.lost1[row], z.was1[row], r[at + PN1] = max(before, r[at + PN1]), r[at + ID1], 0.0
+
+
+@inline
+def take_up(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
+    """Give points that were pressed, have hit and have not bounced what they bore before: a load
+    goes on after an impact, and a solve of few passes does not find it anew in a substep."""
+    r, body, slow, near = rows.field, rows.body, k.threshold + k.tolerance, TOUCHING * k.width
+    for j in range(z.size[4]):
+        q = z.thrown[j]
+        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        vn0, vn1 = approach(r, at, v, U(body[t]), U(body[t + LANES]))
+        if (r[at + COUNT] != 0.0 and r[at + ID0] == z.was0[q] and r[at + GAP0] < near
+                and vn0 <= slow):
+            r[at + PN0] = max(r[at + PN0], z.lost0[q])
+        if (r[at + COUNT] == 2.0 and r[at + ID1] == z.was1[q] and r[at + GAP1] < near
+                and vn1 <= slow):
+            r[at + PN1] = max(r[at + PN1], z.lost1[q])
+        most = r[at + MU] * (r[at + PN0] + r[at + PN1])
+        r[at + PT] = min(max(z.lostt[q] if r[at + PT] == 0.0 else r[at + PT], -most), most)
+        rows.live[q // WIDE] = 1
+        z.lost0[q] = z.lost1[q] = 0.0
+    z.size[4] = 0
+
+
+@lane
 def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads, v: Bodies,
                z: Scratch, x: np.ndarray, y: np.ndarray, angle: np.ndarray, c: np.ndarray,
                s: np.ndarray) -> None:
@@ -798,8 +851,7 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
     first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
     second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
     if first or second:
-        r[at + PN0] = 0.0 if first else r[at + PN0]
-        r[at + PN1] = 0.0 if second else r[at + PN1]
+        let_go(r, row, first, second, z)
         place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
     if r[at + HIT] != 0.0:
         expect(rows, row, k, loads, v, z, x, y, angle, c, s)
@@ -1128,6 +1180,8 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
         v.w[i] += z.owedw[i]
         z.gainx[i] = z.gainy[i] = z.gainw[i] = z.owedx[i] = z.owedy[i] = z.owedw[i] = 0.0
         z.drawn[i] = z.leans[i] = 0
+    if z.size[4] > 0:
+        take_up(rows, k, v, z)
     return int(points)
 
 
@@ -1147,9 +1201,7 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         if z.known[q] != 0:  # of this impact: its row tells of now
             at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
             a, b = U(body[t]), U(body[t + LANES])
-            along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
-            vn0 = along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a]
-            vn1 = along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a]
+            vn0, vn1 = approach(r, at, v, a, b)
             e, spin, left = r[at + E], abs(v.w[a]) + abs(v.w[b]), z.time[q] - k.h
             back = ((1 if is_back(k, e, vn0, left * r[at + BEND0], spin) else 0)
                     + (2 if is_back(k, e, vn1, left * r[at + BEND1], spin) else 0))
