@@ -11,7 +11,7 @@ from scipy.constants import mu_0
 from scipy.integrate import quad
 from scipy.special import j1
 
-from theory.permanent import coaxial_cylinders, discs, parallel_cuboids
+from theory.permanent import coaxial_cuboids, coaxial_cylinders, discs, parallel_cuboids
 
 J = 1.3  # T
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(40)
@@ -141,6 +141,18 @@ def test_equal_cuboids_push_as_ones_that_hardly_differ(size, axis):
         force, abs=1e-7 * np.linalg.norm(force))
 
 
+@given(lengths, lengths, st.floats(0.0, 3.0))
+@settings(deadline=None, max_examples=100)
+def test_equal_cuboids_on_one_axis_are_the_same_by_both_ways(side, height, gap):
+    z = height + gap * np.array([[0.0, 0.5, 1.0]]) * (side + height)
+    size, at = (side, side, height), np.stack((0 * z, 0 * z, z), axis=-1)
+    force = coaxial_cuboids(z, side, height, J)
+    assert force.shape == z.shape
+    # Both are sums of terms that cancel.
+    terms = J**2 / (np.pi * mu_0) * (np.max(z) + side + height) ** 2
+    assert force == pytest.approx(-parallel_cuboids(at, size, size, J)[..., 2], abs=1e-14 * terms)
+
+
 def test_a_cube_and_a_cylinder_of_one_area_pull_alike():
     side, radius = 0.01, 0.01 / math.sqrt(math.pi)
     cube = -parallel_cuboids([0, 0, 0.03], [side] * 3, [side] * 3)[2]
@@ -178,6 +190,18 @@ def test_cuboids_that_overlap_are_refused_and_those_that_touch_are_not():
         assert np.all(np.isfinite(parallel_cuboids(beside, size, size)))
     with pytest.raises(ValueError, match="edges must be at least 0"):
         parallel_cuboids((0.0, 0.0, 0.01), size, (2e-3, -2e-3, 4e-3))
+
+
+@pytest.mark.parametrize(("side", "height"), [(0.0, 2e-3), (-1e-3, 2e-3), (1e-3, -1e-3)])
+def test_cuboids_on_one_axis_of_no_size_are_refused(side, height):
+    with pytest.raises(ValueError, match="side and height must be positive"):
+        coaxial_cuboids(0.01, side, height)
+
+
+def test_cuboids_on_one_axis_that_overlap_are_refused():
+    with pytest.raises(ValueError, match=r"at least the height, 0\.01 m"):
+        coaxial_cuboids([0.02, 0.009], 0.005, 0.01)
+    assert coaxial_cuboids(0.1 + 0.01 - 0.1, 0.005, 0.01) > 0.0  # touching, but for rounding
 
 
 def test_cylinders_that_overlap_are_refused():

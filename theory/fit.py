@@ -23,7 +23,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import norm
 from scipy.stats import t as t_distribution
 
-from theory.permanent import coaxial_cylinders, parallel_cuboids
+from theory.permanent import coaxial_cuboids, coaxial_cylinders
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -94,10 +94,7 @@ def models(distance: str = "centre", inset: float = 0.0,
         return coaxial_cylinders(d + height if gap else d, radius, height, polarisation)
 
     def cuboid(d: Floats, polarisation: float, side: float, height: float) -> Floats:
-        size = (side, side, height)
-        z = d + height if gap else d
-        at = np.stack((np.zeros_like(z), np.zeros_like(z), z), axis=-1)
-        return -parallel_cuboids(at, size, size, polarisation)[..., 2]
+        return coaxial_cuboids(d + height if gap else d, side, height, polarisation)
 
     def body(far: float) -> list[tuple[float, ...]]:
         return [(a * far, min(h * far, 0.9 * tallest)) for a in SHAPES[:4] for h in SHAPES[:4]]
@@ -227,11 +224,16 @@ class Fit:
     def jacobian(self) -> Floats:
         """Derivatives of the force by the free parameters, over the uncertainties.
 
-        Central differences, of steps at which rounding does not count: a cuboid's force is the sum
-        of terms that cancel, at 6 cm from cubes of 1 mm to 5e-6 of it.
+        Exact by the amplitude; else central differences, of steps at which rounding does not
+        count: a cuboid's force is the sum of terms that cancel, at 6 cm from cubes of 1 mm to 5e-6
+        of it.
         """
-        columns = []
+        columns, power = [], self.model.power
         for k in np.flatnonzero(self.free):
+            if k == 0:
+                one = self.model.force(self.distance, *_put(self.values, 0, 1.0))
+                columns.append(self.weight * one * power * self.values[0] ** (power - 1))
+                continue
             step = 1e-4 * max(abs(self.values[k]), 1e-3 * self.unit[k])
             ends = np.clip(self.values[k] + np.array([-step, step]), self.low[k], self.high[k])
             below, above = (self.model.force(self.distance, *_put(self.values, k, end))

@@ -124,6 +124,43 @@ def parallel_cuboids(distance: ArrayLike, size_a: ArrayLike, size_b: ArrayLike,
     return np.asarray(polarisation**2 / (4 * np.pi * mu_0) * total)
 
 
+def coaxial_cuboids(distance: ArrayLike, side: float, height: float,
+                    polarisation: float = 1.3) -> Floats:
+    """Attraction of two equal cuboids of square section, magnetised alike along their axis (N).
+
+    :func:`parallel_cuboids` of bodies on one axis, in a tenth of the time: of its 27 places of
+    corners those that are mirror images are one, which leaves 9.
+
+    Parameters
+    ----------
+    distance
+        Of the centres (m), any shape; at least the height.
+    side, height
+        m.
+    polarisation
+        J of both (T).
+
+    Raises
+    ------
+    ValueError
+        Where the cuboids would overlap, a side that is not positive, or a negative height.
+    """
+    if not side > 0.0 or not height >= 0.0:
+        raise ValueError(f"side and height must be positive, not {side} and {height} m")
+    d = np.asarray(distance, float)[..., None]
+    if np.any(d < (1.0 - 1e-12) * height):
+        raise ValueError(f"distance must be at least the height, {height:g} m")
+    # The sums over the places (0, 0), (0, side) and (side, side) across the axis.
+    w = np.maximum(d + height * np.array([0.0, 1.0, -1.0]), 0.0)
+    near, far = np.sqrt(side**2 + w * w), np.sqrt(2 * side**2 + w * w)
+    apart = np.where(w > 0.0, w, 1.0)  # what is multiplied by it is 0 where it is
+    one = side * w * np.log((near + side) / apart) - near * w
+    two = (2 * side * w * np.log((far + side) / near) - far * w
+           + side**2 * np.arctan2(side**2, far * w))
+    total = (2.0 * one - two + w * w) @ np.array([2.0, -1.0, -1.0])
+    return np.asarray(polarisation**2 / (np.pi * mu_0) * total)
+
+
 def _corners(half_a: float, half_b: float) -> tuple[Floats, Floats]:
     """From the ends of an edge to those of another of one centre, and with which sign each counts;
     what is in one place is one, three of four where the edges are equal."""
