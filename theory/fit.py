@@ -31,6 +31,8 @@ Interval = tuple[float, float]
 REFERENCE = 0.01  # m, where the power law's amplitude is taken
 SHAPES = (0.03, 0.1, 0.3, 1.0, 3.0)  # starts of a length, in largest distances
 VALLEY = 12  # points along the valley of a fit of three parameters or more
+FURTHER = 5  # times that such a valley is followed to another minimum
+ROUGHLY, EXACTLY = 1e-5, 1e-12  # relative change of chi^2 at which a search ends
 
 
 class Parameter(NamedTuple):
@@ -253,10 +255,12 @@ class Fit:
         unit = self.unit[self.free]
         _, singular, vt = np.linalg.svd(self.jacobian * unit, full_matrices=False)
         k = int(self.free.sum())
-        if singular[-1] <= 1e-9 * singular[0]:
-            inner = np.full((k, k), np.inf)
-        else:
-            inner = (vt.T / singular**2) @ vt * np.outer(unit, unit) * _spread(self) ** 2
+        inner = np.full((k, k), np.inf)
+        if singular[-1] > 1e-9 * singular[0]:
+            with np.errstate(over="ignore", invalid="ignore"):  # of forces that are next to nothing
+                half = vt.T / singular * unit[:, None] * _spread(self)
+                made = half @ half.T
+            inner = made if np.all(np.isfinite(made)) else inner
         cov[np.ix_(self.free, self.free)] = inner
         return cov
 
@@ -312,7 +316,8 @@ def fit(
     sd
         Standard deviations of the forces (N), shape (n,); the weights are 1/sd^2.
     fixed, bounds
-        Parameters that are known, and limits for the others (None: the model's own), by name.
+        Parameters that are known, and limits for the others, by name; of those that are None or
+        infinite the model's own.
     loss
         ``"linear"``, or ``"soft_l1"``, ``"huber"``, ``"cauchy"`` against outliers; their
         threshold follows from the median of the residuals.  Outliers can hold such a fit at a
@@ -364,9 +369,9 @@ def fit(
             raise ValueError(f"{p.name} must be from {p.low:g} to {p.high:g} {p.unit}".rstrip()
                              + f", not {known[p.name]:g}")
     limits = [given.get(p.name, (None, None)) for p in model.parameters]
-    low = np.array([p.low if a is None else a
+    low = np.array([p.low if a is None or math.isinf(a) else a
                     for p, (a, _) in zip(model.parameters, limits, strict=True)])
-    high = np.array([p.high if b is None else b
+    high = np.array([p.high if b is None or math.isinf(b) else b
                      for p, (_, b) in zip(model.parameters, limits, strict=True)])
     for k, name in enumerate(model.names):
         if not low[k] < high[k]:
@@ -378,6 +383,14 @@ def fit(
     found = [_solve(replace(empty, values=start, unit=np.maximum(np.abs(start), 1e-300)))
              for start in _starts(empty, known)[:starts]]
     best = min(found, key=lambda each: each.chi2)
+    for _ in range(FURTHER):  # of exact magnets chi^2 has several minima along its valley
+        nearly = [_solve(replace(best, values=values), ROUGHLY)
+                  for values in _valley(best, ROUGHLY)]
+        deepest = min([best, *nearly], key=lambda each: each.chi2)
+        if not deepest.chi2 < best.chi2 * (1 - ROUGHLY):
+            break
+        best = _solve(deepest)
+        found.append(best)
     alike = [each for each in found if each.chi2 <= best.chi2 * (1 + 1e-6)]
     different: list[Fit] = []
     for each in alike:
@@ -455,7 +468,7 @@ def _put(values: Floats, k: Any, value: Any) -> Floats:
     return changed
 
 
-def _solve(problem: Fit) -> Fit:
+def _solve(problem: Fit, to: float = EXACTLY) -> Fit:
     """The minimum that `problem.values` leads to."""
     free, unit, weight = problem.free, problem.unit[problem.free], problem.weight
     values = problem.values.copy()
@@ -475,8 +488,8 @@ def _solve(problem: Fit) -> Fit:
         if not np.all(np.isfinite(residuals(start))):
             return problem
         result = least_squares(residuals, start, slopes, bounds=(low, high), x_scale="jac",
-                               loss=problem.loss, f_scale=problem.threshold, ftol=1e-12,
-                               xtol=1e-12, gtol=None, max_nfev=300)
+                               loss=problem.loss, f_scale=problem.threshold, ftol=to,
+                               xtol=to, gtol=None, max_nfev=300)
         values[free] = result.x * unit
         for bound in (problem.low, problem.high):  # the method only comes near them
             close = free & (np.abs(values - bound) <= 1e-9 * problem.unit)
@@ -537,8 +550,7 @@ def interval(fit: Fit, name: str, method: str = "profile", level: float = 0.95,
         An unknown or fixed parameter, an unknown method or a level that is none; a profile or a
         bootstrap of a robust loss.
     """
-    if name not in fit.model.names or not fit.free[fit.model.names.index(name)]:
-        raise ValueError(f"{name} is not a free parameter of this fit")
+    _check_name(fit, name)
     return intervals(fit, method, level, number, seed, only=name)[name]
 
 
@@ -565,6 +577,11 @@ def intervals(fit: Fit, method: str = "profile", level: float = 0.95, number: in
                                  _profile(fit, int(k), t, +1, along, minima)) for k in which}
 
 
+def _check_name(fit: Fit, name: str) -> None:
+    if name not in fit.model.names or not fit.free[fit.model.names.index(name)]:
+        raise ValueError(f"{name} is not a free parameter of this fit")
+
+
 def _check_level(level: float) -> None:
     if not 0 < level < 1:
         raise ValueError(f"level must be between 0 and 1, not {level}")
@@ -578,11 +595,21 @@ def _normal(fit: Fit, k: int, level: float) -> Interval:
 
 
 def profile(fit: Fit, name: str, value: float) -> float:
-    """The least chi^2 over the other free parameters with one of them held at `value`."""
-    return _held(fit, fit.model.names.index(name), value, _valley(fit)).chi2
+    """The least chi^2 over the other free parameters with one of them held at `value`.
+
+    Raises
+    ------
+    ValueError
+        An unknown parameter, or a value beyond its bounds.
+    """
+    _check_name(fit, name)
+    k = fit.model.names.index(name)
+    if not fit.low[k] <= value <= fit.high[k]:
+        raise ValueError(f"{name} must be from {fit.low[k]:g} to {fit.high[k]:g}, not {value:g}")
+    return _held(fit, k, value, _valley(fit)).chi2
 
 
-def _valley(fit: Fit) -> list[Floats]:
+def _valley(fit: Fit, to: float = EXACTLY) -> list[Floats]:
     """Values along the valley of chi^2, in the order of the last free parameter; see :func:`_held`.
 
     None with one or two free parameters, of which a profile leaves one to find.
@@ -597,7 +624,7 @@ def _valley(fit: Fit) -> list[Floats]:
         last = fit
         for place in side:
             last = _solve(replace(last, values=_put(last.values, k, place),
-                                  free=fit.free & (np.arange(fit.free.size) != k)))
+                                  free=fit.free & (np.arange(fit.free.size) != k)), to)
             found.append(last.values)
     return sorted(found, key=lambda values: float(values[k]))
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -194,10 +194,11 @@ READINGS: tuple[Reading, ...] = (
 def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOARD) -> float:
     """F_g with all pairs in range: pull of the L-shaped seed on an n x n block per bond (N).
 
-    Away from its ends a side adds the same force with every tile, so that this is a + b/n, for
-    a cut-off of up to one tile width; a and b are taken from the blocks with n = 1 and 2.
-    It holds the block as a whole.  Without friction a single row, which has a alone, slides out
-    first; ``theory.statics`` finds that.
+    Away from its ends a side adds the same force with every two tiles, for a cut-off of up to one
+    tile width, so that the blocks with n = 1 to 4 tell it for any whole `n`; between two of them
+    the force of all bonds together is linear.  It holds the block as a whole.  Without friction a
+    single row, which has no more than the last two tiles add, slides out first;
+    ``theory.statics`` finds that.
 
     Raises
     ------
@@ -207,8 +208,18 @@ def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOAR
     if not law.cutoff <= law.width * (1.0 + 1e-9):
         raise ValueError(f"the cut-off must be at most one tile width, {law.width:g} m, not "
                          f"{law.cutoff:g} m")
-    one, two = (_pull(k, law, glues) for k in (1, 2))
-    return (two - one) + (2.0 * one - two) / n
+    return _bond_of(n, [_pull(k, law, glues) for k in (1, 2, 3, 4)])
+
+
+def _bond_of(n: float, pulls: Sequence[float]) -> float:
+    """:func:`seed_bond`, from the forces on blocks with n = 1 to 4."""
+
+    def whole(k: float) -> float:
+        odd = int((k - 1) % 2)
+        return pulls[odd] + (pulls[odd + 2] - pulls[odd]) * ((k - 1) // 2)
+
+    below = float(max(math.floor(n), 1))
+    return (whole(below) + (n - below) * (whole(below + 1.0) - whole(below))) / n
 
 
 def _pull(n: int, law: Law, glues: tuple[Glues, Glues]) -> float:
@@ -220,9 +231,10 @@ def _pull(n: int, law: Law, glues: tuple[Glues, Glues]) -> float:
 
 def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law: Law,
                     glues: tuple[Glues, Glues] = statics.CHESSBOARD) -> float:
-    """The n_s at which a reading's bound is met by the bonds of a block of that size.
+    """The least n_s at which a reading's bound is met by the bonds of a block of that size.
 
-    0 where the seed pushes them away.
+    0 where the seed pushes them away.  Bonds of which every second one is another may hold a
+    larger block than one that they do not hold.
 
     Raises
     ------
@@ -230,15 +242,20 @@ def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law:
         As of :func:`seed_bond`.
     """
 
+    seed_bond(1.0, law, glues)  # refuses what it cannot tell
+    pulls = [_pull(k, law, glues) for k in (1, 2, 3, 4)]
+
     def beyond(log_n: float) -> float:
         n = math.exp(log_n)
-        return n - reading.bound(max(seed_bond(n, law, glues), 0.0), load, mu, floor)
+        return n - reading.bound(max(_bond_of(n, pulls), 0.0), load, mu, floor)
 
     if math.isinf(reading.bound(1.0, load, mu, floor)):
         return math.inf
     if beyond(-60.0) >= 0.0:
         return 0.0
-    return math.exp(float(brentq(beyond, -60.0, 60.0)))
+    places = [-60.0, *np.log(np.arange(1.0, 101.0)), 60.0]  # later ones all differ alike
+    after = next(i for i, place in enumerate(places) if beyond(place) >= 0.0)
+    return math.exp(float(brentq(beyond, places[after - 1], places[after])))
 
 
 def _short(value: float) -> str:

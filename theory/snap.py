@@ -268,7 +268,7 @@ def _modes(part: _Part, z: Reals) -> None:
         part.slides[i] = velocity != 0.0 or abs(force) > HOLDS * body.friction_force or (
             passes and body.friction_force > 0.0 and not part.slides[i])
         part.creeps[i] = part.slides[i] and body.friction_force > 0.0 and (
-            velocity == 0.0 or (part.creeps[i] and abs(velocity) < (1.0 - 1e-9) * _slow(body)))
+            velocity == 0.0 or (part.creeps[i] and abs(velocity) < (1.0 - 1e-6) * _slow(body)))
         passes = abs(abs(torque) - body.friction_torque) <= 1e-9 * body.friction_torque
         if v[2] != 0.0:
             part.turns[i] = math.copysign(1.0, v[2])

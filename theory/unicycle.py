@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import Radau, cumulative_trapezoid, solve_ivp
+from scipy.integrate import Radau, solve_ivp
 
 from theory import command
 from theory.floor import MEAN_DISTANCE
@@ -162,23 +162,22 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
 
 
 def kinematic(times: ArrayLike, a: float, b: float, omega: float, frequency: float,
-              heading: float = 0.5 * math.pi, points: int = 200_001) -> Reals:
+              heading: float = 0.5 * math.pi) -> Reals:
     """x, y, phi of the kinematic model from the origin at `times` (s); shape (n, 3).
+
+    In closed form: with S the integral of u and phi = heading + omega S, x is a times the integral
+    of cos phi over S, and y b times that of sin phi.
 
     Raises
     ------
     ValueError
         Times that do not increase from 0.
     """
-    instants = increasing(times)
-    if not instants.size:
-        return np.zeros((0, 3))
-    t = np.linspace(0.0, float(instants[-1]), points)
-    phi = heading + omega * _swing(t, frequency)
-    u = np.sin(2.0 * math.pi * frequency * t)
-    x = a * cumulative_trapezoid(u * np.cos(phi), t, initial=0.0)
-    y = b * cumulative_trapezoid(u * np.sin(phi), t, initial=0.0)
-    return np.stack([np.interp(instants, t, q) for q in (x, y, phi)], axis=1)
+    swing = _swing(increasing(times), frequency)
+    half = 0.5 * omega * swing
+    chord = swing * np.sinc(half / math.pi)  # sin(half)/half, 1 at 0
+    return np.stack([a * chord * np.cos(heading + half), b * chord * np.sin(heading + half),
+                     heading + 2.0 * half], axis=1)
 
 
 def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequency: float,

@@ -121,7 +121,8 @@ NOWHERE = 1e-5
 # A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
 # no more than so many; among what hits, this one.
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
-# What was pressed comes off if it goes faster than this part of its tile's fastest corner.
+# What was pressed comes off if it goes faster than this part of the fastest corner of its tiles, as
+# one is seen from the other.
 OFF = 0.01
 # What was pressed hits if it comes faster than this part of that, and than a solve leaves it.
 PARTED = 0.05
@@ -310,9 +311,10 @@ def stays_on(r: np.ndarray, at: int, v: Bodies, a: int, b: int, slow: float) -> 
 
 
 @lane
-def lies_on(rows: Rows, v: Bodies, tile: int, slow: float) -> Any:
+def lies_on(rows: Rows, k: Numbers, v: Bodies, tile: int, slow: float, part: float) -> Any:
     """Whether a tile was pressed against one that moves, and does not come off it, faster than
-    `slow` (m/s); and whether it was against a wall or a held one."""
+    `slow` (m/s) and `part` of the fastest that one of them sees of the other; and whether it was
+    against a wall or a held one."""
     r, body, mobile, held = rows.field, rows.body, v.mobile, False
     for p in range(rows.start[tile], rows.start[tile + 1]):
         at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
@@ -321,7 +323,7 @@ def lies_on(rows: Rows, v: Bodies, tile: int, slow: float) -> Any:
             continue
         if mobile[a] * mobile[b] == 0.0:
             held = True
-        elif stays_on(r, at, v, a, b, slow):
+        elif stays_on(r, at, v, a, b, slow + part * pair_speed(k, v, a, b)):
             return True, held
     return False, held
 
@@ -340,7 +342,7 @@ def bears(warm: float, stopped: float, gap: float, vn: float, slow: float, k: Nu
 @lane
 def comes_off(k: Numbers, threshold: float, fastest: float) -> float:
     """How fast a pressed point may come (m/s) and still be borne, if no corner of its tiles is
-    faster than `fastest`: as fast as a solve leaves it."""
+    faster than `fastest`, one as seen from the other: as fast as a solve leaves it."""
     return max(threshold + k.tolerance, PARTED * fastest)
 
 
@@ -379,18 +381,19 @@ def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: flo
 
 
 @inline
-def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float) -> bool:
+def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float,
+         part: float) -> bool:
     """Give tile i what forces and what bears it give it in the substep.
 
-    Nothing, if it lies on a tile that moves, and does not come off it, faster than `slow` (m/s):
-    what the two bear is not known from one of them.  Returns whether that is so.
+    Nothing, if it lies on a tile that moves, and does not come off it (see `lies_on`): what the two
+    bear is not known from one of them.  Returns whether that is so.
     """
     ux, uy, uw = (loads.h * k.im * loads.fx[i], loads.h * k.im * loads.fy[i],
                   loads.h * k.ii * loads.torque[i])
     most = math.sqrt(ux * ux + uy * uy) + 0.7072 * k.width * abs(uw)
     if most == 0.0:
         return False
-    among, held = lies_on(rows, v, i, slow)
+    among, held = lies_on(rows, k, v, i, slow, part)
     if among:
         return True
     vx, vy, w = v.vx[i], v.vy[i], v.w[i]
@@ -412,7 +415,7 @@ def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndar
     z.pulled[z.size[2]] = i
     z.size[2] += 1
     h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
-    z.leans[i] = 1 if load(rows, k, loads, v, i, math.inf) else 0
+    z.leans[i] = 1 if load(rows, k, loads, v, i, math.inf, 0.0) else 0
     tx, ty, tw = v.vx[i], v.vy[i], v.w[i]
     if floor.law != NONE:
         px, py, pt, stops, halts = floor_impulse(
@@ -440,8 +443,7 @@ def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.nd
     if floor.law != NONE:
         px, py, pt = friction_of(floor.law, vx, vy, w, 1.0 / im, 1.0 / ii, floor.force * h,
                                  floor.torque * h, c[i], s[i])
-    slow = OFF * corner_speed(k, v, i) if z.leans[i] != 0 else -math.inf
-    leans = load(rows, k, loads, v, i, slow)
+    leans = load(rows, k, loads, v, i, 0.0 if z.leans[i] != 0 else -math.inf, OFF)
     gx, gy, gw = v.vx[i] - vx, v.vy[i] - vy, v.w[i] - w
     z.gainx[i], z.gainy[i], z.gainw[i] = gx + im * px, gy + im * py, gw + ii * pt
     v.vx[i], v.vy[i], v.w[i] = vx, vy, w
@@ -846,8 +848,7 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
     """
     place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
     r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
-    slow = comes_off(k, threshold, max(corner_speed(k, v, rows.body[t]),
-                                       corner_speed(k, v, rows.body[t + LANES])))
+    slow = comes_off(k, threshold, pair_speed(k, v, rows.body[t], rows.body[t + LANES]))
     first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
     second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
     if first or second:
@@ -862,6 +863,14 @@ def corner_speed(k: Numbers, v: Bodies, i: int) -> float:
     """What no corner of a tile is faster than (m/s)."""
     return float(math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
                  + 0.7072 * k.width * abs(v.w[i]))
+
+
+@inline
+def pair_speed(k: Numbers, v: Bodies, a: int, b: int) -> float:
+    """What no corner of two bodies is faster than, as seen from the other one (m/s)."""
+    ux, uy = v.vx[b] - v.vx[a], v.vy[b] - v.vy[a]
+    return float(math.sqrt(ux * ux + uy * uy)
+                 + 0.7072 * k.width * (abs(v.w[a]) + abs(v.w[b])))
 
 
 @lane
