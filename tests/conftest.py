@@ -3,8 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 
 import pytest
+
+# Of two processes one compiles the kernels while the other does what needs none.
+FIRST = ("test_impacts.py", "test_fit.py")
+
+
+def pytest_collection_modifyitems(items):
+    """Those files first, then the ones with the most tests: what is left at the end is short."""
+    number = Counter(item.path for item in items)
+    items.sort(key=lambda item: (FIRST.index(item.path.name) if item.path.name in FIRST
+                                 else len(FIRST), -number[item.path]))
 
 
 @pytest.fixture(params=["closed", "full"])

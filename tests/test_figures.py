@@ -137,7 +137,7 @@ def test_sources_are_read_whatever_the_encoding_of_the_system(monkeypatch):
 
 def test_what_is_missing_is_said_and_the_rest_is_made(there, capsys, monkeypatch):
     monkeypatch.setattr(growth, "DATA", (style.OUTPUT / "nowhere" / "table.csv",))
-    monkeypatch.setattr(margin, "RECORDS", 4)  # of all it takes minutes
+    monkeypatch.setattr(margin, "RECORDS", 2)  # of all it takes minutes
     assert main([]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert f"growth: left out, needs {style.OUTPUT}/nowhere/table.csv" in lines

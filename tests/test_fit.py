@@ -157,7 +157,7 @@ def test_fits_of_small_cuboids_are_those_of_forces_without_rounding():
         true = exact.force(d, 1.2, side, height)
         for seed in range(2):
             force = true * (1 + 0.02 * np.random.default_rng(seed).standard_normal(d.size))
-            found, best = (fit(each, d, force, 0.02 * true, fixed={"polarisation": 1.2})
+            found, best = (fit(each, d, force, 0.02 * true, fixed={"polarisation": 1.2}, starts=2)
                            for each in (model, exact))
             assert found.chi2 == pytest.approx(best.chi2, rel=1e-2)
             assert np.all(np.abs(found.values - best.values) <= 0.05 * best.errors)
@@ -387,6 +387,55 @@ def test_a_known_amplitude_leaves_the_best_starts_among_those_that_are_followed(
                         for starts in (4, 16))
     assert few.chi2 == pytest.approx(all_of_them.chi2, rel=1e-6)
     assert few.values[1] > 100 * few.values[2]
+
+
+FAR = np.array([[20, 36.25, 0.72], [23.33, 19.48, 0.4], [27.22, 10.61, 0.22], [31.75, 5.659, 0.12],
+                [37.03, 3.26, 0.066], [43.2, 1.833, 0.036], [50.4, 0.9726, 0.019],
+                [58.79, 0.5328, 0.011], [68.58, 0.2916, 0.0057], [80, 0.152, 0.0031]]) * 1e-3
+
+
+def test_the_least_of_several_minima_is_found():
+    """Points that a strong small cuboid fits to 14.39, a weak large one better."""
+    made = models("centre", 0.0, 0.02)
+    found = fit(made["cuboid"], *FAR.T)
+    assert found.chi2 == pytest.approx(10.8473, abs=1e-3)
+    assert found.values == pytest.approx([0.019167, 0.018460, 0.019635], rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", ["cylinder", "cuboid"])
+def test_more_starts_lead_to_nothing_better(name, seed):
+    rng, model = np.random.default_rng(seed), models("centre", 0.0, 0.02)[name]
+    true = rng.uniform((0.5, 2e-3, 1e-3), (1.5, 1e-2, 1e-2))
+    force = model.force(FAR[:, 0], *true)
+    points = FAR[:, 0], force * (1.0 + 0.02 * rng.standard_normal(force.size)), 0.02 * force
+    assert fit(model, *points).chi2 <= fit(model, *points, starts=16).chi2 * (1 + 1e-5)
+
+
+def test_a_bound_without_an_end_is_none():
+    made = models()["law"]
+    force = made.force(R, ALPHA, BETA)
+    assert fit(made, R, force, bounds={"beta": (0.0, np.inf), "alpha": (-np.inf, np.inf)}
+               ).values == pytest.approx([ALPHA, BETA], rel=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("options", [{"fixed": {"alpha": 1e-170}},
+                                     {"bounds": {"alpha": (1e-300, 1e-290)}}])
+def test_a_force_that_is_next_to_nothing_tells_no_errors(options):
+    made = models()["law"]
+    found = fit(made, R, made.force(R, ALPHA, BETA), **options)
+    assert not np.isfinite(found.errors[1])
+
+
+def test_a_profile_of_what_is_no_parameter_or_beyond_its_bounds_is_an_error():
+    made = models()["law"]
+    found = fit(made, R, made.force(R, ALPHA, BETA), fixed={"alpha": ALPHA})
+    for name, value, words in (("nope", 0.01, "nope is not a free parameter"),
+                               ("alpha", ALPHA, "alpha is not a free parameter"),
+                               ("beta", -1.0, "beta must be from 0 to 10, not -1")):
+        with pytest.raises(ValueError, match=words):
+            profile(found, name, value)
 
 
 def test_parameters_that_fit_equally_well_are_counted():
@@ -717,7 +766,7 @@ def test_parameters_that_the_points_do_not_tell_apart_are_named():
     d = np.linspace(0.05, 0.1, 12)
     force = model.force(d, 1.2, 2e-3, 3e-3) * (1 + 0.02 * rng.standard_normal(d.size))
     found = fit(model, d, force)
-    assert any("identified" in doubt for doubt in doubts(found, {}))
+    assert any("identified" in doubt for doubt in doubts(found, intervals(found)))
     d = np.linspace(0.01, 0.0101, 12)
     force = LAW.force(d, ALPHA, BETA) * (1 + 0.02 * rng.standard_normal(d.size))
     found = fit(LAW, d, force)

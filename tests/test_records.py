@@ -561,6 +561,7 @@ def driven(folder, source, parameters="[0.1]", function="push"):
 @pytest.mark.parametrize(("line", "words"), [
     ("    if t > 0.1:\n        raise ValueError('boo\\nhoo')\n", r"ValueError \(boo hoo\)"),
     ("    if t > 0.1:\n        raise ValueError(t)\n", r"ValueError \(0.1"),
+    ("    if t > 0.1:\n        raise ValueError('\x1b[31mred')\n", r"ValueError \(\\x1b\[31mred\)"),
     ("    fx[:] = x[:3]\n", "ValueError"),
     ("    assert t < 0.1\n", "AssertionError"),
     ("    fx[0] += p[5]\n", "IndexError"),
@@ -699,6 +700,7 @@ def test_a_drive_is_not_refused_for_its_name(tmp_path):
     ("type", lambda t: t - 1, "must be from 0 to 1, of the scene's types"),
     ("held", lambda held: held[:1], "must be an array of 31 truth values"),
     ("angle", lambda angle: list(angle), "must be an array of 31 numbers"),
+    ("angle", lambda angle: angle - 1e17, r"must be from -1e\+09 to 1e\+09 rad"),
     ("vx", lambda vx: vx + np.nan, "must be finite numbers")])
 def test_a_layout_that_does_not_fit_is_refused(name, change, words):
     scene = tbsa.parse(SCENE)

@@ -217,6 +217,35 @@ def test_bonds_of_a_block_with_all_pairs(glues, expected):
                                               rel=1e-9)
 
 
+# Sides of which every second bond is another: whites without one of their magnets.
+BY_TURNS = [((1, 2, 1, 2), (-1, -2, -1, 0)), ((1, 2, 1, 2), (-1, 0, -1, -2))]
+
+
+@pytest.mark.parametrize("glues", BY_TURNS)
+def test_bonds_of_a_block_whose_tiles_differ_by_turns(glues):
+    for k in (1, 2, 3, 4, 5, 8):
+        tiles = statics.block(k, glues)
+        pull = statics.magnet_wrench(tiles, SIMULATOR, mating=False)[tiles.free, 0].sum()
+        assert scaling.seed_bond(k, SIMULATOR, glues) == pytest.approx(-pull / k, abs=1e-12)
+    between = 0.5 * (3 * scaling.seed_bond(3, SIMULATOR, glues)
+                     + 4 * scaling.seed_bond(4, SIMULATOR, glues))
+    assert 3.5 * scaling.seed_bond(3.5, SIMULATOR, glues) == pytest.approx(between)
+
+
+@pytest.mark.parametrize("glues", BY_TURNS)
+@pytest.mark.parametrize("load", [0.04, 0.075, 0.3])
+def test_the_least_size_that_such_bonds_do_not_hold_is_the_bound(glues, load):
+    for each in scaling.READINGS:
+        def beyond(n, each=each):
+            bond = max(scaling.seed_bond(n, SIMULATOR, glues), 0.0)
+            return n - each.bound(bond, load, MU, FLOOR)
+
+        size = scaling.bound_all_pairs(each, load, MU, FLOOR, SIMULATOR, glues)
+        if 0.0 < size < math.inf:
+            assert beyond(size) == pytest.approx(0.0, abs=1e-6 * max(size, 1.0))
+            assert all(beyond(n) < 0.0 for n in range(1, math.ceil(min(size, 200.0))))
+
+
 @pytest.mark.parametrize("load", ["inf", "nan", "0", "-1", "1e-13", "1e13"])
 def test_a_load_without_an_answer_is_refused(load, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["scaling", "--load", load])

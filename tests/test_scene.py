@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import datetime
+import os
 import re
 import tomllib
 from dataclasses import fields, replace
@@ -408,6 +409,24 @@ def test_the_module_of_a_drive_is_found_beside_the_scene_and_not_run(tmp_path, m
 ])
 def test_a_drive_that_cannot_be_found_is_refused(tmp_path, source, function, fragment):
     assert fragment in refused(user(tmp_path, source, function))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "endless", "folder"])
+def test_a_drive_is_read_from_a_file_and_not_from_what_has_no_end(tmp_path, kind):
+    file, module = user(tmp_path), tmp_path / "engine.py"
+    module.unlink()
+    if kind == "pipe":
+        os.mkfifo(module)
+    elif kind == "device":
+        module.symlink_to("/dev/zero")
+    elif kind == "folder":
+        module.mkdir()
+    else:
+        with open(module, "wb") as endless:
+            endless.truncate(2 * LARGEST)
+    words = {"endless": f"it is longer than {LARGEST} bytes", "folder": "Is a directory"}
+    assert refused(file).endswith("'engine.py' must be a Python file, its path relative to the "
+                                  f"scene's file: {words.get(kind, 'it is a pipe or a device')}")
 
 
 # --- writing -----------------------------------------------------------------------------------

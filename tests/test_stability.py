@@ -306,6 +306,9 @@ def test_the_tables_have_every_case_and_position():
     assert all(text.count(name) >= 2 for name in stability.CASES)
     shaken = next(line for line in text.splitlines() if line.startswith("shaken"))
     assert f"{stability.margin(*stability.case('shaken', 1, FORCE), MATING).tiles:.3f}" in shaken
+    for force in (1e-12, 1e12):  # columns stay apart
+        line = stability.sizes_table([2], force, TORQUE, 1, MATING).splitlines()[1]
+        assert len([float(each) for each in line[24:].split()]) == 5
     text = stability.torque_table([2], FORCE, MATING)
     assert f"{stability.critical_torque(block(2), numbers=MATING):.3e}" in text
 

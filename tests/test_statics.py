@@ -383,6 +383,16 @@ def balance(exact, state, load):
     return left[tiles.free]
 
 
+@pytest.mark.parametrize("torque", [1e-5, 1e-2, 1e6, math.inf])
+def test_what_the_floor_lets_not_turn_is_in_balance_too(torque):
+    tiles = chessboard([(0, 0)], [(-1, 0), (1, 0)], ((0, 0, 0, 0),) * 2)
+    exact = Statics(tiles, SIMULATOR, mating=False, mu=MU, floor=(0.3, torque))
+    load = uniform(tiles, 0.1, -0.4)
+    state = exact.contacts(load)
+    assert np.abs(balance(exact, state, load)).max() < 1e-6 * 0.4
+    assert not state.turns.any()
+
+
 @given(st.integers(0, 10**6), st.floats(0.0, 2.0 * math.pi), st.floats(-0.02, 0.02),
        st.booleans(), st.booleans())
 @settings(deadline=None, max_examples=25)

@@ -50,6 +50,14 @@ def test_stops_follow_the_published_formulas():
     assert motion.sliding_stop(0.0, 0.0, c) == (0.0, 0.0)
 
 
+def test_stops_of_what_there_is_not_are_refused():
+    for call, words in ((lambda: motion.sliding_stop(math.inf, 0.25), "speed must be at least 0"),
+                        (lambda: motion.sliding_stop(0.1, -0.25), "friction must be at least 0"),
+                        (lambda: motion.spin_stop(1.0, 0.0, 0.0), "inertia must be positive")):
+        with pytest.raises(ValueError, match=words):
+            call()
+
+
 def test_stops_are_smooth_where_the_formula_for_little_damping_takes_over():
     c = 0.05 * (0.25 * 9.81) / 0.4  # x = c v0/(mu g) = 0.05
     below, above = (motion.sliding_stop(0.4, 0.25, c * k)[1] for k in (1 - 1e-9, 1 + 1e-9))

@@ -160,6 +160,20 @@ def test_what_starts_to_move_at_its_bound_and_stops_again_goes_on(start, twist):
     assert end.gap == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_slide_that_starts_slowly_gets_on():
+    """Its end as a start is known to the rounding of the time at which it is found."""
+    weak = Body(0.016, INERTIA, 0.01, 1e-5, 0.8, 0.5)
+    heavy = Body(0.032, INERTIA * 2.0)
+    end = meet([(0, 0, 0), (-0.003, 0.031, 0)], np.zeros((2, 3)), (weak, heavy),
+               ((1, 2, 1, 2), (-1, -2, -1, -2)), LAW)
+    assert end.kind == "contact"
+    assert end.gap == pytest.approx(0.0, abs=1e-12)
+    start = (0.030893117074231632, -0.005469992086352729, 0.0)
+    end = meet([(0, 0, 0), start], np.zeros((2, 3)), (weak, weak),
+               ((1, 2, 1, 2), (-1, -2, -1, -2)), LAW)
+    assert end.kind in ("contact", "rest")
+
+
 def test_a_motion_that_does_not_get_on_is_an_error(monkeypatch):
     monkeypatch.setattr(snap, "PIECES", 1)
     with pytest.raises(RuntimeError, match="does not get on from t = 0"):
@@ -295,6 +309,8 @@ def test_a_row_flies_apart_at_the_spins_of_the_paper_s_magnets():
             assert rotation.critical_spin(bond, MASS, WIDTH, tiles) == pytest.approx(spin, abs=5e-3)
     with pytest.raises(ValueError, match="2 or 3"):
         rotation.critical_spin(bond, MASS, WIDTH, 4)
+    with pytest.raises(ValueError, match="the bond must be at least 0"):
+        rotation.critical_spin(-bond, MASS, WIDTH, 2)
 
 
 def test_a_rocking_fall_is_the_pendulum_about_the_corner():
@@ -403,6 +419,20 @@ def test_the_fit_finds_the_parameters_of_a_true_unicycle():
     assert (fit.path, fit.heading) == pytest.approx((0.0, 0.0), abs=1e-9)
     velocity = np.gradient(path[:, :2], times, axis=0)
     assert unicycle.along(angle, *velocity.T) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("omega", "frequency"), [(50.0, 0.1), (5.0, 60.0), (1e-9, 0.1)])
+def test_a_long_record_of_a_true_unicycle_is_one(omega, frequency):
+    times = np.linspace(0.0, 3600.0, 3617)
+    path = unicycle.kinematic(times, 0.05, 0.05, omega, frequency)
+    fit = unicycle.fit(times, path[:, 0], path[:, 1], path[:, 2] - 0.5 * math.pi, frequency)
+    assert (fit.a, fit.omega) == pytest.approx((0.05, omega), rel=1e-6)
+    assert fit.path < 1e-12
+    few = np.linspace(0.0, 1.0, 100_001)
+    path = unicycle.kinematic(few, 1.0, 2.0, omega, frequency)
+    u = np.sin(2.0 * math.pi * frequency * few)
+    for place, share, way in zip(path[:, :2].T, (1.0, 2.0), (np.cos, np.sin), strict=True):
+        assert np.trapezoid(share * u * way(path[:, 2]), few) == pytest.approx(place[-1], abs=2e-6)
 
 
 @pytest.mark.parametrize("there", [1.0, 100.0])

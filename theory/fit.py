@@ -31,8 +31,7 @@ Interval = tuple[float, float]
 REFERENCE = 0.01  # m, where the power law's amplitude is taken
 SHAPES = (0.03, 0.1, 0.3, 1.0, 3.0)  # starts of a length, in largest distances
 VALLEY = 12  # points along the valley of a fit of three parameters or more
-FURTHER = 5  # times that such a valley is followed to another minimum
-ROUGHLY, EXACTLY = 1e-5, 1e-12  # relative change of chi^2 at which a search ends
+ROUGHLY, EXACTLY = 1e-3, 1e-12  # relative change of chi^2 at which a start is left, and a fit done
 
 
 class Parameter(NamedTuple):
@@ -329,7 +328,9 @@ def fit(
         Take `sd` at its word.  Otherwise only its ratios count, and standard errors are scaled
         by sqrt(chi^2/dof).
     starts
-        How many starts to follow; each has the best amplitude for one shape of the curve.
+        How many starts to follow to the end: of its square, followed until chi^2 hardly changes,
+        those that have come lowest, as chi^2 of exact magnets has several minima.  Each has the best
+        amplitude for one shape of the curve.
 
     Raises
     ------
@@ -380,17 +381,12 @@ def fit(
     zero = np.zeros(len(model.names))
     empty = Fit(model, d, f, s, low, high, free, "linear", absolute and s is not None, zero,
                 np.ones_like(zero))
-    found = [_solve(replace(empty, values=start, unit=np.maximum(np.abs(start), 1e-300)))
-             for start in _starts(empty, known)[:starts]]
+    nearly = [replace(empty, values=start, unit=np.maximum(np.abs(start), 1e-300))
+              for start in _starts(empty, known)[:starts**2]]
+    if len(nearly) > starts:
+        nearly = sorted((_solve(each, ROUGHLY) for each in nearly), key=lambda each: each.chi2)
+    found = [_solve(each) for each in nearly[:starts]]
     best = min(found, key=lambda each: each.chi2)
-    for _ in range(FURTHER):  # of exact magnets chi^2 has several minima along its valley
-        nearly = [_solve(replace(best, values=values), ROUGHLY)
-                  for values in _valley(best, ROUGHLY)]
-        deepest = min([best, *nearly], key=lambda each: each.chi2)
-        if not deepest.chi2 < best.chi2 * (1 - ROUGHLY):
-            break
-        best = _solve(deepest)
-        found.append(best)
     alike = [each for each in found if each.chi2 <= best.chi2 * (1 + 1e-6)]
     different: list[Fit] = []
     for each in alike:
@@ -609,7 +605,7 @@ def profile(fit: Fit, name: str, value: float) -> float:
     return _held(fit, k, value, _valley(fit)).chi2
 
 
-def _valley(fit: Fit, to: float = EXACTLY) -> list[Floats]:
+def _valley(fit: Fit) -> list[Floats]:
     """Values along the valley of chi^2, in the order of the last free parameter; see :func:`_held`.
 
     None with one or two free parameters, of which a profile leaves one to find.
@@ -624,7 +620,7 @@ def _valley(fit: Fit, to: float = EXACTLY) -> list[Floats]:
         last = fit
         for place in side:
             last = _solve(replace(last, values=_put(last.values, k, place),
-                                  free=fit.free & (np.arange(fit.free.size) != k)), to)
+                                  free=fit.free & (np.arange(fit.free.size) != k)))
             found.append(last.values)
     return sorted(found, key=lambda values: float(values[k]))
 

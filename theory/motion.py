@@ -66,8 +66,8 @@ def _stop(v0: float, deceleration: float, damping: float) -> tuple[float, float]
     it never stops, and comes as far as v0/c.
     """
     for name, value in (("speed", v0), ("friction", deceleration), ("damping", damping)):
-        if not value >= 0.0:
-            raise ValueError(f"the {name} must be at least 0, not {value}")
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"the {name} must be at least 0 and finite, not {value}")
     if deceleration == 0.0:
         return (math.inf, v0 / damping if damping else math.inf) if v0 else (0.0, 0.0)
     x = damping * v0 / deceleration
@@ -110,8 +110,10 @@ def spin_stop(omega0: float, torque: float, inertia: float,
     Raises
     ------
     ValueError
-        A negative speed, friction or damping.
+        A negative speed, friction or damping, or an inertia that is not positive.
     """
+    if not inertia > 0.0:
+        raise ValueError(f"the inertia must be positive, not {inertia}")
     return _stop(omega0, torque / inertia, damping)
 
 

@@ -90,9 +90,17 @@ def critical_spin(bond: float, mass: float, width: float, tiles: int) -> float:
     """Spin (rad/s) at which a bonded row of 2 or 3 tiles flies apart; `bond` in N.
 
     The bond holds a tile on its circle: m omega^2 w/2 = F of a pair, m omega^2 w = F of three.
+
+    Raises
+    ------
+    ValueError
+        Another number of tiles, a bond that pushes, or a mass or width that is not positive.
     """
     if tiles not in (2, 3):
         raise ValueError("a row of 2 or 3 tiles")
+    if not (bond >= 0.0 and mass > 0.0 and width > 0.0):
+        raise ValueError(f"the bond must be at least 0 and mass and width positive, not {bond:g} N,"
+                         f" {mass:g} kg and {width:g} m")
     return math.sqrt(bond / (mass * width * (0.5 if tiles == 2 else 1.0)))
 
 

@@ -312,6 +312,11 @@ def critical_torque(tiles: Tiles, driven: ArrayLike | None = None,
 # Report.
 
 
+def _number(value: float, width: int, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    return f"{text if len(text) < width else f'{value:.3g}':>{width}}"
+
+
 def sizes_table(sizes: Sequence[int], force: float, torque: float, samples: int,
                 numbers: Numbers) -> str:
     """Net force and margins of the cases against size; medians of `samples` of the random ones."""
@@ -328,8 +333,8 @@ def sizes_table(sizes: Sequence[int], force: float, torque: float, samples: int,
                     tiles, loads = case(name, n, force, torque, rng=np.random.default_rng(k))
                     turning = margin(tiles, loads, numbers).tiles
                 rows.append((found.net, n * force, found.body, found.tiles, turning))
-            lines.append(f"{name:20}{n:4d}" + "{:10.4f}{:10.4f}{:9.3f}{:9.3f}{:14.3f}".format(
-                *np.median(rows, axis=0)))
+            columns = zip(np.median(rows, axis=0), (10, 10, 9, 9, 14), (4, 4, 3, 3, 3), strict=True)
+            lines.append(f"{name:20}{n:4d}" + "".join(_number(*each) for each in columns))
     return "\n".join(lines)
 
 

@@ -278,6 +278,8 @@ class Statics:
         m, f, k = len(self.edges), len(self.tiles.free), len(self._corners)
         force = self.floor[0] / self.scale
         torque = self._turning() / self.scale
+        if spare:  # more than any state of rest has a use for would be at the cost of its digits
+            torque = min(torque, 10.0 * len(self.tiles.site) ** 2)
         row = np.repeat(3 * self.tiles.free[self._corner_of], 2) + np.tile([0, 1], k)
         corners = self._gather @ sparse.csr_array(
             (force * self._corners.ravel(), (row, np.repeat(np.arange(k), 2))),
@@ -303,8 +305,7 @@ class Statics:
                 [eye(2 * m), None, None, None], [None, None, None, eye(f)],
                 [None, None, None, eye(f)]]
         matrix = sparse.hstack([sparse.block_array(rows), sparse.block_array(kept)])
-        above = np.concatenate([above, np.zeros(2 * m),
-                                np.full(2 * f, min(torque, MOST / self.scale))])
+        above = np.concatenate([above, np.zeros(2 * m), np.full(2 * f, torque)])
         return matrix, above, equal, low, high
 
     def _solve(self, gain: Reals, program: tuple[Any, ...], load: Reals) -> Any:

@@ -48,8 +48,8 @@ def check(layout: Layout, scene: Scene) -> None:
     Raises
     ------
     InputError
-        Where one has another length or kind, a place or velocity is not finite, a type is none
-        of the scene's, or there is no tile.
+        Where one has another length or kind, a place or velocity is not finite, an angle is beyond
+        `TURNED`, a type is none of the scene's, or there is no tile.
     """
     n = np.size(layout.x)
     if n == 0:
@@ -65,12 +65,17 @@ def check(layout: Layout, scene: Scene) -> None:
         if "f" in kinds and not np.isfinite(values).all():
             raise InputError("must be finite numbers", field=f"layout.{name}",
                              value=values[~np.isfinite(values)][0])
+    if (far := np.abs(layout.angle) > TURNED).any():
+        raise InputError(f"must be from {-TURNED:g} to {TURNED:g} rad", field="layout.angle",
+                         value=layout.angle[far][0])
     wrong = (layout.type < 0) | (layout.type >= len(scene.types))
     if wrong.any():
         raise InputError(f"must be from 0 to {len(scene.types) - 1}, of the scene's types",
                          field="layout.type", value=layout.type[wrong][0])
 
 
+TURNED = 1e9
+"""Angle (rad) up to which the direction that a number stands for is known to 1e-7."""
 DEEPEST = 0.75
 """Overlap of two tiles (widths) beyond which it is no longer told on which side of each other they
 are: a solver that moves them apart takes any."""

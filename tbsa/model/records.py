@@ -41,7 +41,7 @@ from tbsa.model.scene import (
     Scene,
     check_is_scene,
     dumps,
-    engine_path,
+    engine_source,
     fingerprint,
     load,
     tile_count,
@@ -755,7 +755,7 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
 def _write_scene(folder: Path, scene: Scene) -> None:
     """Write scene.toml, and beside it the module of a user's own drive."""
     if scene.drive is not None and scene.drive.kind == "user":
-        source = engine_path(scene).read_bytes()
+        source = engine_source(scene)
         write_atomically(folder / "drive.py", source)
         scene = replace(scene, drive=replace(scene.drive, module="drive.py"))
     write_atomically(folder / "scene.toml", dumps(scene).encode())

@@ -17,6 +17,7 @@ import difflib
 import hashlib
 import json
 import math
+import stat
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
@@ -745,13 +746,31 @@ def engine_path(scene: Scene) -> Path:
     return Path(scene.file).parent / scene.drive.module
 
 
+def engine_source(scene: Scene) -> bytes:
+    """The bytes of that file.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read, is a pipe or a device, or is longer than `LARGEST`.
+    """
+    path = engine_path(scene)
+    if not stat.S_ISREG(mode := path.stat().st_mode) and not stat.S_ISDIR(mode):
+        raise OSError("it is a pipe or a device")
+    with open(path, "rb") as stream:
+        source = stream.read(LARGEST + 1)
+    if len(source) > LARGEST:
+        raise OSError(f"it is longer than {LARGEST} bytes")
+    return source
+
+
 def _check_engine(scene: Scene) -> None:
     """The user's engine is there; its module is read, not run."""
     assert scene.drive is not None
     module, function = scene.drive.module, scene.drive.function
     tree = ast.Module([], [])
     try:
-        tree = ast.parse(engine_path(scene).read_bytes())
+        tree = ast.parse(engine_source(scene))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         _fail(scene, "drive.module", module,
@@ -922,7 +941,7 @@ def fingerprint(scene: Scene) -> str:
     """
     drive, module = scene.drive, b""
     if drive is not None and drive.kind == "user":
-        module = engine_path(scene).read_bytes()
+        module = engine_source(scene)
         drive = replace(drive, module="")
     bare = replace(
         scene, title="", file="", temperature=2, record=Record(), drive=drive,

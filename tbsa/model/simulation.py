@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tbsa.errors import InputError
+from tbsa.errors import InputError, printable
 from tbsa.kernels import advance as core
 from tbsa.kernels import drives
 from tbsa.kernels.arrays import columns
@@ -34,7 +34,7 @@ from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.projection import SLOP
 from tbsa.kernels.rows import empty_impulses, empty_rows
 from tbsa.model.layout import Layout, check_start, initial_layout
-from tbsa.model.scene import Scene, check_is_scene, engine_path
+from tbsa.model.scene import Scene, check_is_scene, engine_path, engine_source
 from tbsa.model.squares import depth, inside, near
 
 Floats = NDArray[np.float64]
@@ -357,7 +357,7 @@ class Simulation:
         """Why a call of `advance` is the last one; `between` which times is part of the text."""
         if raised:
             return (f"the drive raised {type(raised[0]).__name__} "
-                    f"({' '.join(str(raised[0]).split())}){between}")
+                    f"({printable(' '.join(str(raised[0]).split()))}){between}")
         if error == core.TOO_FAST:
             rows, v = self._work.rows, self.state
             a, b = rows.a[: rows.size[0]], rows.b[: rows.size[0]]
@@ -508,8 +508,8 @@ def _user_function(scene: Scene) -> Callable[..., None]:
     assert drive is not None
     path = engine_path(scene)
     try:
-        function = _function(path, path.read_bytes(), drive.function)
-    except (Exception, SystemExit) as error:
+        function = _function(path, engine_source(scene), drive.function)
+    except (Exception, SystemExit, GeneratorExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise InputError(f"cannot be used as a drive: {reason}", file=scene.file,
                          field="drive.module", value=drive.module) from error

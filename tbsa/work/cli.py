@@ -313,7 +313,7 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
-    again = shlex.join(["tbsa", "run", str(folder / "scene.toml"), "--out", str(folder),
+    again = shlex.join(["tbsa", "run", _operand(folder / "scene.toml"), "--out", _operand(folder),
                         *_given("--duration", arguments.duration),
                         *_given("--threads", arguments.threads, 1), "--resume"])
     try:
@@ -350,7 +350,8 @@ def _campaign(arguments: argparse.Namespace) -> int:
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", arguments.part)
     if match is None:
         raise InputError("must be I/N, I from 1 to N", field="--part", value=arguments.part)
-    again = shlex.join(["tbsa", "campaign", str(arguments.config), "--out", str(arguments.out),
+    again = shlex.join(["tbsa", "campaign", _operand(arguments.config),
+                        "--out", _operand(arguments.out),
                         *_given("--jobs", arguments.jobs),
                         *_given("--scheduler", arguments.scheduler),
                         *_given("--part", arguments.part, "1/1"),
@@ -381,6 +382,11 @@ def _campaign(arguments: argparse.Namespace) -> int:
           f"{f', {others} done elsewhere' if others else ''}; table in "
           f"{arguments.out / 'table.csv'}")
     return 1 if result.failed else 0
+
+
+def _operand(path: str | Path) -> str:
+    """A path as an argument: one that begins with a dash would be taken for an option."""
+    return f"./{path}" if str(path).startswith("-") else str(path)
 
 
 def _given(option: str, value: Any, default: Any = None) -> tuple[str, ...]:

@@ -320,8 +320,11 @@ class _Reader:
                 if not isinstance(stream, str) or not stream.strip():
                     self.fail(f"{where}.stream", "must be a string that is not empty", stream)
                 return seeds_of(stream, number)
-            if message := rule(value["first"]) or rule(value["first"] + number - 1):
+            if message := rule(value["first"]):
                 self.fail(f"{where}.first", message, value["first"])
+            if message := rule(value["first"] + number - 1):
+                self.fail(where, f"(first + number - 1) {message}",
+                          value["first"] + number - 1)
             return list(range(value["first"], value["first"] + number))
         if not isinstance(value, list) or not value:
             self.fail(where, SEEDS, value)
