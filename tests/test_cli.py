@@ -204,6 +204,16 @@ def test_how_to_go_on_repeats_the_options_of_the_work(here, capsys, monkeypatch)
             f"  tbsa campaign c.toml --out b {options} --resume\n")
 
 
+def test_how_to_go_on_in_a_folder_that_begins_with_a_dash(here, capsys, monkeypatch):
+    monkeypatch.setattr(cli.Bar, "show", lambda *_: True)
+    assert main(["run", "scene.toml", "--out=-a", "--quiet"]) == 130
+    command = "tbsa run ./-a/scene.toml --out ./-a --resume"
+    assert capsys.readouterr().err.endswith(f"  {command}\n")
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    assert main([*command.split()[1:], "--quiet"]) == 0
+
+
 def test_ctrl_c_before_the_run_begins_ends_without_a_word(here, capsys, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt

@@ -329,8 +329,8 @@ def fit(
         by sqrt(chi^2/dof).
     starts
         How many starts to follow to the end: of its square, followed until chi^2 hardly changes,
-        those that have come lowest, as chi^2 of exact magnets has several minima.  Each has the best
-        amplitude for one shape of the curve.
+        those that have come lowest, as chi^2 of exact magnets has several minima.  Each has the
+        best amplitude for one shape of the curve.
 
     Raises
     ------
