@@ -412,6 +412,17 @@ def test_more_starts_lead_to_nothing_better(name, seed):
     assert fit(model, *points).chi2 <= fit(model, *points, starts=16).chi2 * (1 + 1e-5)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_small_magnets_are_found_by_points_that_go_far(seed):
+    """As well as where their size is known, but for a valley that is flat to 1e-3 of chi^2."""
+    d = np.geomspace(0.048, 1.22, 21)
+    model = models("centre", 0.0, d[0])["cuboid"]
+    force = model.force(d, 0.57, 7.3e-3, 2.5e-3)
+    force = force + 3e-7 * np.random.default_rng(seed).standard_normal(d.size)
+    small = fit(model, d, force, bounds={"side": (3e-3, 15e-3)})
+    assert fit(model, d, force).chi2 <= small.chi2 * (1 + 2e-3)
+
+
 def test_a_bound_without_an_end_is_none():
     made = models()["law"]
     force = made.force(R, ALPHA, BETA)

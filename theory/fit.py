@@ -98,7 +98,9 @@ def models(distance: str = "centre", inset: float = 0.0,
         return coaxial_cuboids(d + height if gap else d, side, height, polarisation)
 
     def body(far: float) -> list[tuple[float, ...]]:
-        return [(a * far, min(h * far, 0.9 * tallest)) for a in SHAPES[:4] for h in SHAPES[:4]]
+        # From a magnet that is small even where the points begin to one as large as they go.
+        lengths = np.geomspace(min(0.03 * far, 0.1 * nearest), min(far, 0.1), 4).tolist()
+        return [(a, min(h, 0.9 * tallest)) for a in lengths for h in lengths]
 
     polarisation = Parameter("polarisation", "T", 0.0, 2.0)
     height = Parameter("height", "m", 1e-4, tallest)
