@@ -1587,6 +1587,27 @@ def test_after_a_step_a_driven_crowd_is_hardly_in_itself_or_in_the_wall(crowd, m
     assert np.mean(deepest_of) < most
 
 
+def test_what_pressed_tiles_do_does_not_depend_on_the_speed_that_both_have():
+    """Two tiles that snap, hit and come off each other again; nothing else is in the world."""
+    places = np.array([[0.005344156902809388, -0.018736278801941026, 3.5066031296832727],
+                       [0.005234651772599286, 0.020455661089555634, 2.9770356806268303]])
+    twists = np.array([[-0.08796616184270625, 0.3355824603294419, 4.141341920357768],
+                       [0.2250310649797443, 0.002080202248243908, -4.895498035052234]])
+    found = []
+    for common in (0.0, 1.0, 2.0):
+        scene = stress.bare(
+            [stress.tile(*place, (twist[0] + common, twist[1]), twist[2], kind)
+             for place, twist, kind in zip(places, twists, ("black", "white"), strict=True)],
+            types=stress.SETS["chessboard"], magnet=Magnet(),
+            material=Material(linear_damping=0.0, angular_damping=0.0))
+        s = Simulation(replace(scene, solver=Solver(1 / 480, tolerance=1e-12, passes=20_000,
+                                                    join_substeps=False)))
+        s.advance(75)
+        found.append((s.vx - common, s.vy, s.omega))
+        assert s.counts.impacts[0] == 6
+    assert np.abs(np.diff(found, axis=0)).max() < 1e-9
+
+
 def test_a_crowd_that_is_solved_once_a_step_keeps_the_loads_that_it_bears():
     """The paper's shaking, one pass at 1/480 s: what an impact throws on something that it is
     pressed to hits that, and is pressed as before; to build the load up anew takes many passes."""

@@ -598,7 +598,7 @@ def profile(fit: Fit, name: str, value: float) -> float:
     Raises
     ------
     ValueError
-        An unknown parameter, or a value beyond its bounds.
+        An unknown or fixed parameter, or a value beyond its bounds.
     """
     _check_name(fit, name)
     k = fit.model.names.index(name)
