@@ -806,6 +806,7 @@ def test_an_edited_drive_takes_effect_whatever_its_time_and_length(tmp_path, mon
 @pytest.mark.parametrize(("source", "words"), [
     (DRIVE + "    yield\n", "not one that yields"),
     (DRIVE + "import sys\nsys.exit(0)\n", "SystemExit: 0"),
+    (DRIVE + "raise GeneratorExit\n", "GeneratorExit"),
     (DRIVE + "raise ValueError('two\\nlines')\n", r"ValueError: two\\nlines"),
     (DRIVE.replace("family[i]", "famly[i]"), "famly")])
 def test_what_is_no_drive_is_refused_in_one_line_before_anything_is_written(

@@ -128,8 +128,8 @@ def coaxial_cuboids(distance: ArrayLike, side: float, height: float,
                     polarisation: float = 1.3) -> Floats:
     """Attraction of two equal cuboids of square section, magnetised alike along their axis (N).
 
-    :func:`parallel_cuboids` of bodies on one axis, in a tenth of the time: of its 27 places of
-    corners those that are mirror images are one, which leaves 9.
+    :func:`parallel_cuboids` of bodies on one axis, in a seventh of the time: of its 27 places
+    of corners those that are mirror images are one, which leaves 9.
 
     Parameters
     ----------

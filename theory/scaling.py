@@ -205,14 +205,19 @@ def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOAR
     ValueError
         A cut-off beyond one tile width.
     """
+    return _bond_of(n, _pulls(law, glues))
+
+
+def _pulls(law: Law, glues: tuple[Glues, Glues]) -> list[float]:
+    """Forces (N) of the seed on the blocks with n = 1 to 4, which tell those on any other."""
     if not law.cutoff <= law.width * (1.0 + 1e-9):
         raise ValueError(f"the cut-off must be at most one tile width, {law.width:g} m, not "
                          f"{law.cutoff:g} m")
-    return _bond_of(n, [_pull(k, law, glues) for k in (1, 2, 3, 4)])
+    return [_pull(k, law, glues) for k in (1, 2, 3, 4)]
 
 
 def _bond_of(n: float, pulls: Sequence[float]) -> float:
-    """:func:`seed_bond`, from the forces on blocks with n = 1 to 4."""
+    """:func:`seed_bond`, from these forces."""
 
     def whole(k: float) -> float:
         odd = int((k - 1) % 2)
@@ -241,9 +246,7 @@ def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law:
     ValueError
         As of :func:`seed_bond`.
     """
-
-    seed_bond(1.0, law, glues)  # refuses what it cannot tell
-    pulls = [_pull(k, law, glues) for k in (1, 2, 3, 4)]
+    pulls = _pulls(law, glues)
 
     def beyond(log_n: float) -> float:
         n = math.exp(log_n)
@@ -251,10 +254,11 @@ def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law:
 
     if math.isinf(reading.bound(1.0, load, mu, floor)):
         return math.inf
-    if beyond(-60.0) >= 0.0:
-        return 0.0
-    places = [-60.0, *np.log(np.arange(1.0, 101.0)), 60.0]  # later ones all differ alike
+    # Further out it no longer shows that every second bond is another.
+    places = [-60.0, *np.log(np.arange(1.0, 101.0)), 60.0]
     after = next(i for i, place in enumerate(places) if beyond(place) >= 0.0)
+    if after == 0:
+        return 0.0
     return math.exp(float(brentq(beyond, places[after - 1], places[after])))
 
 

@@ -313,6 +313,7 @@ def critical_torque(tiles: Tiles, driven: ArrayLike | None = None,
 
 
 def _number(value: float, width: int, decimals: int) -> str:
+    """A column of a table that stays apart from the one before, however large the number."""
     text = f"{value:.{decimals}f}"
     return f"{text if len(text) < width else f'{value:.3g}':>{width}}"
 

@@ -177,7 +177,8 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
     """Scratch of `n` tiles and of `blocks` blocks of rows."""
     whole = {"in_it", "tiles", "struck", "island", "drawn", "leans", "pulled"}
     parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
-    parts += columns(n + 1, [int if f in whole else float for f in Scratch._fields[4:-9]])
+    of_tiles = Scratch._fields[4:Scratch._fields.index("left")]
+    parts += columns(n + 1, [int if f in whole else float for f in of_tiles])
     parts += columns(WIDE * blocks, [int, int, int, float, float, float, float, float])
     return Scratch._make([*parts, np.zeros(5, np.int64)])
 
