@@ -111,6 +111,7 @@ from tbsa.kernels.rows import (
     LATE,
     NEAR,
     SCALED,
+    SIZES,
     Impulses,
     Rows,
     about_the_same,
@@ -582,7 +583,7 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     counts.lists[0] += 1
     if found < 0:
         return NOT_FINITE
-    return OK if fits(found, ahead, pairs.other.size) else MORE_PAIRS
+    return OK if fits(found, ahead, pairs.room) else MORE_PAIRS
 
 
 @inline
@@ -620,7 +621,7 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     counts.magnet_lists[0] += 1
     found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
                          turning, near, work.crew)
-    return OK if fits(found, ahead, near.p.size) else MORE_MAGNETS
+    return OK if fits(found, ahead, near.room) else MORE_MAGNETS
 
 
 @rolled
@@ -713,7 +714,7 @@ def update_rows(k: Numbers, reach: float, left: int, further: int, tiles: Tiles,
     few = not first and further <= n // FEW_TILES
     rest = left * (k.h / TICKS)
     if few:
-        set_all(work.turned, math.nan)  # `add_rows` takes cosines of what it looks at
+        set_all(work.turned, n + 1, math.nan)  # `add_rows` takes cosines of what it looks at
         assume(k, rest, NO, x, y, angle, work, ZERO, n)
     else:
         crew.numbers[5] = rest
@@ -812,8 +813,8 @@ def hit(k: Numbers, ahead: float, left: float, loads: Loads, state: State, work:
     """
     rows, v, x, y, c, s = work.rows, work.bodies, state.x, state.y, work.c, work.s
     ka, points = with_substep(k, ahead), 0
-    set_all(work.scratch.since, 0.0)
-    set_all(work.turned, math.nan)  # impacts move tiles, and take cosines there
+    set_all(work.scratch.since, k.n + 1, 0.0)
+    set_all(work.turned, k.n + 1, math.nan)  # impacts move tiles, and take cosines there
     for _ in range(THROWN):
         points += impacts(rows, ka, loads, v, work.scratch, x, y, state.angle, c, s)
         blocks = rows.first[COLOURS]
@@ -848,9 +849,9 @@ def hardly_moves(k: Numbers, v: Bodies) -> bool:
 @lane
 def settle(k: Numbers, state: State, v: Bodies, place: Bodies) -> None:
     """Take away what is left of velocities, which is rounding, and note where the tiles are."""
-    set_all(v.vx, 0.0)
-    set_all(v.vy, 0.0)
-    set_all(v.w, 0.0)
+    set_all(v.vx, k.n + 1, 0.0)
+    set_all(v.vy, k.n + 1, 0.0)
+    set_all(v.w, k.n + 1, 0.0)
     copy(state.x, place.startx, k.n)
     copy(state.y, place.starty, k.n)
     copy(state.angle, place.startw, k.n)
@@ -956,7 +957,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
                          angle, crew):
         counts.projections[0] += 1
         if state.early[0] > 0:
-            forget_early(rows, loads, work.shift)
+            forget_early(rows, k.n, loads, work.shift)
     if work.scratch.size[3] > 0:
         keep_together(rows, k, work.scratch)
     return overlap
@@ -1010,13 +1011,13 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     contacts, magnetic = reach > 0.0 or k.wall != 0, magnets.cutoff > 0.0 and reach > 0.0
     parts, all_ticks, tick = (2 if k.substeps % 2 == 0 else 1), k.substeps * TICKS, k.h / TICKS
     part_length = k.substeps * k.h / parts
-    set_all(work.magnets.margin, -1.0)  # nothing is known yet
-    set_all(work.turned, math.nan)
-    set_all(work.mid_turned, math.nan)
-    set_all(rows.first, ZERO)
-    set_all(rows.size, ZERO)
+    set_all(work.magnets.margin, n, -1.0)  # nothing is known yet
+    set_all(work.turned, n + 1, math.nan)
+    set_all(work.mid_turned, n + 1, math.nan)
+    set_all(rows.first, np.int64(COLOURS + 1), ZERO)
+    set_all(rows.size, np.int64(SIZES), ZERO)
     rows.size[ALL] = count_all(k, v.mobile)
-    set_all(rows.effort, ZERO)
+    rows.effort[0] = rows.effort[1] = 0
     error, done, wanted, overlap = OK, 0, TICKS, 0.0
     fresh = last[1] == 0  # nothing has looked ahead yet
     loaded, counted = YES, so_far(rows, counts)  # loaded by what was there before
@@ -1162,8 +1163,8 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         if what == PAIRS:
             crew.found[me * LINE] = pairs_from(
                 work.pairs, k.n, x, y, tiles.mobile, crew.numbers[0], work.margin,
-                crew.numbers[1], first, last, place_of(work.pairs.other.size, first, k.n),
-                place_of(work.pairs.other.size, last, k.n))
+                crew.numbers[1], first, last, place_of(work.pairs.room, first, k.n),
+                place_of(work.pairs.room, last, k.n))
         elif what == BEGIN:
             drift(first, last, crew.numbers[6], v, x, y, angle)
             damp(first, last, slow, slow_spin, v)

@@ -3,8 +3,8 @@
 Python hands kernels NumPy's arrays, many of them in tuples.  A kernel makes `lean` ones of them
 first, and its helpers know no others.  Numba's own array has seven parts, and an index of it may
 count from the end; all of that is handed on and looked at wherever an array is used, which was half
-of the code that LLVM got.  A lean one is a place in memory and a number: a third less time to
-compile, and a tenth less for a step of one or two tiles.
+of the code that LLVM got.  A lean one is a place in memory: a third less time to compile, and a
+tenth less for a step of one or two tiles.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import (
     intrinsic,
     lower_builtin,
-    make_attribute_wrapper,
     models,
     register_model,
 )
@@ -30,9 +29,9 @@ NAMED: Any = types.BaseNamedTuple
 
 
 class Lean(types.Type):
-    """The type of an array inside kernels: where its numbers begin, and how many there are.
+    """The type of an array inside kernels: where its numbers begin.
 
-    It has ``a[i]`` with whole numbers from 0 on, unchecked, and ``a.size``; nothing else.
+    It has ``a[i]`` with whole numbers from 0 on, unchecked; nothing else.
     """
 
     def __init__(self, dtype: Any) -> None:
@@ -40,14 +39,7 @@ class Lean(types.Type):
         super().__init__(f"lean({dtype})")
 
 
-@register_model(Lean)
-class _Model(models.StructModel):
-    def __init__(self, manager: Any, kind: Lean) -> None:
-        parts = [("data", types.CPointer(kind.dtype)), ("size", types.intp)]
-        super().__init__(manager, kind, parts)
-
-
-make_attribute_wrapper(Lean, "size", "size")
+register_model(Lean)(models.PointerModel)
 
 
 @infer_global(operator.getitem)
@@ -68,9 +60,8 @@ class _Set(AbstractTemplate):
 
 def place(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
     """Where a number of an array is."""
-    array = cgutils.create_struct_proxy(kinds[0])(context, builder, value=arguments[0])
     index = context.cast(builder, arguments[1], kinds[1], types.intp)
-    return builder.gep(array.data, [index], inbounds=True)
+    return builder.gep(arguments[0], [index], inbounds=True)
 
 
 def _get(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
@@ -105,10 +96,7 @@ def _make_lean(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         return context.make_tuple(builder, _type_of_lean(kind), parts)
     if not isinstance(kind, types.Array):
         return value
-    array = cgutils.create_struct_proxy(kind)(context, builder, value=value)
-    made = cgutils.create_struct_proxy(_type_of_lean(kind))(context, builder)
-    made.data, made.size = array.data, array.nitems
-    return made._getvalue()
+    return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
 
 
 @intrinsic
@@ -124,13 +112,12 @@ def _part(_: Any, numbers: Any, n: Any) -> Any:
     kind = types.Array(numbers.dtype, 1, "C")
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        given = cgutils.create_struct_proxy(numbers)(context, builder, value=arguments[0])
         count = context.cast(builder, arguments[1], n, types.intp)
         width = context.get_constant(types.intp, context.get_abi_sizeof(
             context.get_data_type(numbers.dtype)))
         array = context.make_array(kind)(context, builder)
         context.populate_array(
-            array, data=given.data, shape=cgutils.pack_array(builder, [count]),
+            array, data=arguments[0], shape=cgutils.pack_array(builder, [count]),
             strides=cgutils.pack_array(builder, [width]), itemsize=width, meminfo=None)
         return array._getvalue()
 
@@ -159,9 +146,9 @@ def copy(source: np.ndarray, target: np.ndarray, n: int) -> None:
 
 
 @inline
-def set_all(target: np.ndarray, value: float) -> None:
-    """Set all numbers of an array."""
-    for i in range(U(target.size)):
+def set_all(target: np.ndarray, n: int, value: float) -> None:
+    """Set the first n numbers of an array."""
+    for i in range(U(n)):
         target[i] = value
 
 

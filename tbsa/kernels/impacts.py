@@ -242,7 +242,7 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
     """
     early, moved, r, body, island, work = (loads.early, v.moved, rows.field, rows.body,
                                            rows.island, v.change)
-    set_all(moved, ZERO)
+    set_all(moved, k.n + 1, ZERO)
     for j in range(early[0]):
         moved[early[j + 1]] = 1
     j = 0
@@ -255,7 +255,7 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
                 note_before(loads, v, x, y, angle, body[t + LANES])
     if loads.gain > 0.0:
         return
-    set_all(work, 0.0)
+    set_all(work, k.n + 1, 0.0)
     for i in range(k.n):
         if v.mobile[i] != 0.0 and moved[i] == 0:
             work[island[i]] += (
@@ -271,7 +271,7 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
 
 
 @apart
-def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
+def forget_early(rows: Rows, n: int, loads: Loads, shift: Bodies) -> None:
     """Take back the notes of what hangs together with one that projection has moved, as that has
     changed its velocities, too; where forces act, they are moved along."""
     early, seen, island, moved = loads.early, loads.seen, rows.island, shift.moved
@@ -281,7 +281,7 @@ def forget_early(rows: Rows, loads: Loads, shift: Bodies) -> None:
             for f, way in enumerate((shift.vx[i], shift.vy[i], shift.w[i])):
                 seen[6 * j + f] += way
         return
-    set_all(moved, ZERO)
+    set_all(moved, n + 1, ZERO)
     for j in range(1, early[0] + 1):
         i = early[j]
         if shift.vx[i] != 0.0 or shift.vy[i] != 0.0 or shift.w[i] != 0.0:
@@ -849,7 +849,7 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
     """
     place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
     r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
-    slow = comes_off(k, threshold, pair_speed(k, v, rows.body[t], rows.body[t + LANES]))
+    slow = comes_off(k, threshold, pair_speed(k, v, U(rows.body[t]), U(rows.body[t + LANES])))
     first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
     second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
     if first or second:
@@ -1138,7 +1138,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
     """
     r, body, hits, mobile, queue = rows.field, rows.body, rows.hits, v.mobile, z.queue
     points, size, begun = ZERO, ZERO, 0.0
-    set_all(z.struck, ZERO)
+    set_all(z.struck, k.n + 1, ZERO)
     z.size[2] = 0
     known, how, meet = -1, LATER, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     for block in range(rows.first[COLOURS]):

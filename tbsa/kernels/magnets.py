@@ -90,9 +90,10 @@ class MagnetPairs(NamedTuple):
     sa: np.ndarray
     cb: np.ndarray
     sb: np.ndarray
-    p: np.ndarray  # int32[capacity], magnets of a and of b
+    p: np.ndarray  # int32[room], magnets of a and of b
     q: np.ndarray
-    strength: np.ndarray  # float64[capacity], N m^2, polarity times alpha
+    strength: np.ndarray  # float64[room], N m^2, polarity times alpha
+    room: int
     size: np.ndarray  # int64[1], magnet pairs
     far: np.ndarray  # int32[FEW], scratch: some of those of tiles that turn far
     ways: np.ndarray  # float64[WAY], ... and how they go, by fields of FEW (mean_forces.py)
@@ -118,7 +119,7 @@ def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> M
     # Half as wide as other whole numbers: these are the longest lists of a large scene.
     lists = [np.zeros(size, np.int32) for size in [pairs] * 3 + [capacity] * 2]
     near = MagnetPairs._make([
-        *lists[:3], *part, *lists[3:], np.zeros(capacity),
+        *lists[:3], *part, *lists[3:], np.zeros(capacity), capacity,
         np.zeros(1, np.int64), np.zeros(FEW, np.int32), np.zeros(WAY), *columns(n, [float] * 5),
         hx, hy, *columns(4 * n, [float] * 6)])
     near.margin[:] = -1.0
@@ -181,7 +182,7 @@ def list_magnets(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
 
     Returns the number of them; where that exceeds the capacity the list is of no use.
     """
-    room = near.p.size
+    room = near.room
     at, end = give(crew, LIST, ZERO, room, LEAST_ROOM)
     total, m = magnets_from(law, pairs, n, glues, x, y, c, s, way, margin, near, ZERO,
                             crew.size if end < room else 1, at, end)
@@ -252,7 +253,7 @@ def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
         total += (NUMBER[U(bits & 15)] + NUMBER[U(bits >> 4 & 15)] + NUMBER[U(bits >> 8 & 15)]
                   + NUMBER[U(bits >> 12)])
     if total + 16 > end - at:
-        return total + 16 + mp.size - (end - at), 0
+        return total + 16 + near.room - (end - at), 0
     m: Any = U(at)
     for k in range(begin, found):
         p, q, bits = 4 * of_a[k], 4 * of_b[k], which[k]
@@ -336,9 +337,9 @@ def add_up(near: MagnetPairs, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray
 def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, fx: np.ndarray, fy: np.ndarray,
                       torque: np.ndarray, crew: Crew) -> None:
     """Add the forces of all listed pairs, applied at the magnets, to the tiles' (N, N m)."""
-    size = near.size[0]
-    for portion in range(0, size, near.hx.size):
-        last = min(portion + near.hx.size, size)
+    size, at_once = near.size[0], CHUNK if crew.size == 1 else PORTION
+    for portion in range(0, size, at_once):
+        last = min(portion + at_once, size)
         begin, end = give(crew, PULL, portion, last, LEAST_PAIRS)
         pull(law, near, portion, begin, end)
         collect(crew)
@@ -360,12 +361,12 @@ def magnet_forces(law: MagnetLaw, pairs: Pairs, glues: np.ndarray, x: np.ndarray
 
     Returns the number of magnet pairs; where that exceeds the capacity nothing was added.
     """
+    n = x.size
     pairs, near, crew, glues = lean(pairs), lean(near), lean(crew), lean(glues)
     x, y, angle, c, s, margin = lean(x), lean(y), lean(angle), lean(c), lean(s), lean(margin)
     fx, fy, torque = lean(fx), lean(fy), lean(torque)
-    n = x.size
     m = list_magnets(law, pairs, n, glues, x, y, angle, c, s, margin, margin, near, crew)
-    if m <= near.p.size:
+    if m <= near.room:
         place_magnets(near, law.offset, x, y, c, s, 0, n)
         add_magnet_forces(law, n, near, fx, fy, torque, crew)
     return int(m)

@@ -20,7 +20,8 @@ class Pairs(NamedTuple):
     """
 
     start: np.ndarray  # int64[n + 1]
-    other: np.ndarray  # int64[capacity]
+    other: np.ndarray  # int64[room]
+    room: int
     x: np.ndarray  # float64[n], where the tiles were
     y: np.ndarray
     margin: np.ndarray  # float64[n], m, how far each may go from there; -1: never built
@@ -33,8 +34,8 @@ class Pairs(NamedTuple):
 def empty_pairs(n: int, capacity: int) -> Pairs:
     """Space for the pairs of `n` tiles."""
     return Pairs(
-        np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), np.zeros(n), np.zeros(n),
-        np.full(n, -1.0), np.zeros(int(2.0 * n**0.5 + 4.0) ** 2 + 1, np.int64),
+        np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), capacity, np.zeros(n),
+        np.zeros(n), np.full(n, -1.0), np.zeros(int(2.0 * n**0.5 + 4.0) ** 2 + 1, np.int64),
         np.zeros(n, np.int64), np.zeros(3), np.zeros(2, np.int64),
     )
 
@@ -61,7 +62,7 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
     the caller grows it.  -1: a position is not finite.
     """
     start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
-    room = other.size
+    room = pairs.room
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
     widest = 0.0
     for i in range(n):
@@ -108,7 +109,7 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
         found += more
     start[n] = found
     if not fits:
-        set_all(pairs.margin, -1.0)
+        set_all(pairs.margin, n, -1.0)
         return int(max(found, room + 1))
     copy(margin, pairs.margin, n)
     copy(x, pairs.x, n)

@@ -313,9 +313,9 @@ def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np
                 size += 1
     if size == 0:
         return False
-    set_all(shift.vx, 0.0)
-    set_all(shift.vy, 0.0)
-    set_all(shift.w, 0.0)
+    set_all(shift.vx, k.n + 1, 0.0)
+    set_all(shift.vy, k.n + 1, 0.0)
+    set_all(shift.w, k.n + 1, 0.0)
     some, left = 0, SLOP * k.width
     for p in range(PROJECTIONS + FURTHER):
         m = ZERO

@@ -98,7 +98,7 @@ ALONE = WALLS + WALL_COLOURS
 COLOURS = ALONE + 1
 # Of the numbers in ``size``: rows that were added within a step, the substep (h/8) that the
 # impulses are for, 0 where there are no rows yet, and how many rows there can be, -1 with a wall.
-LATE, SCALED, ALL = 2, 3, 4
+LATE, SCALED, ALL, SIZES = 2, 3, 4, 5
 
 
 # Impulses that differ by less than this part are the same, but for rounding.
@@ -108,7 +108,9 @@ ROUNDING = 1e-13
 class Rows(NamedTuple):
     """The rows of a step, and the blocks they are kept in."""
 
-    a: np.ndarray  # int64, the rows in the order found
+    room: int  # rows that there is space for
+    blocks: int  # ... and blocks
+    a: np.ndarray  # int64[room], the rows in the order found
     b: np.ndarray  # int64, n for the wall
     corner: np.ndarray  # int64, of a at a round wall, or the side of a rectangle; 1: far pair
     slot: np.ndarray  # int64, where its lane begins in `field`
@@ -134,7 +136,7 @@ class Rows(NamedTuple):
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     colours: np.ndarray  # int64[ALONE], those of the colours that are in use, in order
-    size: np.ndarray  # int64[5], rows, colours in use, and LATE, SCALED and ALL
+    size: np.ndarray  # int64[SIZES], rows, colours in use, and LATE, SCALED and ALL
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
 
@@ -160,12 +162,12 @@ def empty_rows(n: int, capacity: int) -> Rows:
              [n + 2, 2 * capacity])
     lists = [[np.zeros(size, np.int64) for size in sizes] for sizes in whole]
     return Rows._make([
-        *lists[0], field[shift : shift + blocks * int(BLOCK)],
+        capacity, blocks, *lists[0], field[shift : shift + blocks * int(BLOCK)],
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], np.zeros(WIDE * blocks),
         *lists[3], *lists[4],
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
         np.zeros(ALONE, np.int64),
-        np.zeros(5, np.int64), np.zeros(2, np.int64)])
+        np.zeros(SIZES, np.int64), np.zeros(2, np.int64)])
 
 
 def empty_impulses(capacity: int) -> Impulses:
@@ -186,7 +188,7 @@ def find_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray
     rows that there are, and their deepest overlap (m).
     """
     # Space is left for what else the middle of a step may bring.
-    room = rows.a.size - spare * (rows.a.size // 5)
+    room = rows.room - spare * (rows.room // 5)
     at, end = give(crew, ROWS, ZERO, room, LEAST_ROOM)
     m, overlap = rows_from(rows, pairs, k, x, y, c, s, mobile, way, far, ZERO,
                            crew.size if end < room else 1, at, end)
@@ -277,7 +279,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
     """
     near, n, half, diagonal = rows.used, k.n, 0.5 * k.width, DIAGONAL * k.width
     m, found = rows.size[0], ZERO
-    most = min(rows.a.size - m, rows.single.size - rows.first[COLOURS])
+    most = min(rows.room - m, rows.blocks - rows.first[COLOURS])
     for a in range(n):
         if marked[a] == 0:
             continue
@@ -396,8 +398,8 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     copy(rows.new_b, rb, m)
     copy(rows.new_corner, rows.corner, m)
     _, end = give(crew, HANG, ZERO, m, LEAST_TILES)  # while this one chooses colours
-    set_all(used, ZERO)
-    set_all(fill, ZERO)
+    set_all(used, k.n + 1, ZERO)
+    set_all(fill, np.int64(COLOURS), ZERO)
     last = -1
     for i in range(m):
         a, b = ra[i], rb[i]
@@ -431,7 +433,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     for q in range(last + 1, COLOURS + 1):
         first[q] = blocks
     rows.size[1] = in_use
-    enough = first[COLOURS] <= 3 * rows.single.size // 4
+    enough = first[COLOURS] <= 3 * rows.blocks // 4
     for i in range(m if enough else 0):
         q = slot[i]
         block, at = first[q] + fill[q] // WIDE, fill[q] % WIDE
@@ -498,7 +500,7 @@ def fill_lane(rows: Rows, at: int, t: int, a: int, b: int, k: Numbers, mobile: n
 def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
     """List the rows of every mobile tile, in order."""
     ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
-    set_all(start, ZERO)
+    set_all(start, n + 2, ZERO)
     for i in range(m):
         start[U(ra[i]) + U(1)] += 1
         start[U(rb[i]) + U(1)] += 1

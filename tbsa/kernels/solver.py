@@ -50,7 +50,7 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
         return 0
     now, queued = rows.now, rows.queued
     little = LITTLE * k.tolerance
-    set_all(v.moved, ZERO)
+    set_all(v.moved, k.n + 1, ZERO)
     done, whole, listed = -1 - k.passes, YES, False
     size = ZERO
     for p in range(k.passes):
