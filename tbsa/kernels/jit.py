@@ -26,12 +26,13 @@ import llvmlite.binding
 import numba
 import numpy as np
 from llvmlite.binding import Linkage
-from numba.core import cgutils, sigutils, types
+from numba.core import cgutils, event, sigutils, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.callconv import CPUCallConv
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.lowering import Lower
 from numba.core.postproc import PostProcessor
 from numba.core.registry import CPUDispatcher
 
@@ -285,49 +286,51 @@ class _ApartCompiler(_PartCompiler):
 _TYPED: dict[tuple[Any, tuple[Any, ...]], Any] = {}
 
 
+def _nothing(*_: Any, **__: Any) -> None:
+    """Instead of what need not be done."""
+
+
 @contextlib.contextmanager
 def _as_kernels_are() -> Iterator[None]:
-    """While a kernel is compiled, leave out what it does not need.
+    """While a kernel is compiled, leave out what it does not need, a quarter of the time.
 
     The type of an operation on numbers is found once for all its places: Numba looks through
-    NumPy's tables at each of them, though there are a few hundred kinds of tens of thousands, an
-    eighth of the time of compilation.  Nothing tells where a variable is not needed any more, as
-    no references are counted, and Python does not look for garbage again and again among what is
-    all in use: a thirtieth and a tenth of the time, and 200 MB more meanwhile.  After a call of a
-    helper nobody asks whether it has raised, which none does: loops over lanes would have several
-    ways back, until LLVM finds out, and by then has lost the note that `keep_loops` makes.
+    NumPy's tables at each of them, though there are a few hundred kinds of tens of thousands.
+    Nothing tells where a variable is not needed any more, as no references are counted; nobody asks
+    LLVM for the size of a variable, which is for debuggers, or listens to when LLVM is called.
+    Python does not look for garbage again and again among what is all in use (200 MB more).  After
+    a call of a helper nobody asks whether it has raised, which none does: loops over lanes would
+    have several ways back, until LLVM finds out, and by then has lost the note that `keep_loops`
+    makes.
     """
     of_all: Any = types.BaseFunction
-    original = of_all.get_call_type
-    calls: Any = CPUCallConv
-    status_of = calls._get_return_status
-    variables: Any = PostProcessor
-    insert_ends = variables._insert_var_dels
-    collecting = gc.isenabled()
+    find_type, status_of = of_all.get_call_type, CPUCallConv._get_return_status
 
     def remembered(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
         if kws or not all(isinstance(each, (types.Number, types.Boolean)) for each in args):
-            return original(self, context, args, kws)
+            return find_type(self, context, args, kws)
         if (self, args) not in _TYPED:
-            _TYPED[self, args] = original(self, context, args, kws)
+            _TYPED[self, args] = find_type(self, context, args, kws)
         return _TYPED[self, args]
 
     def no_error(self: Any, *args: Any) -> Any:
         return status_of(self, *args)._replace(is_error=cgutils.false_bit)
 
-    def no_ends(*_: Any, **__: Any) -> None:
-        pass
+    def space(self: Any, name: str, kind: Any, **_: Any) -> Any:
+        return cgutils.alloca_once(self.builder, kind, name=name, zfill=False)
 
-    of_all.get_call_type, calls._get_return_status = remembered, no_error
-    variables._insert_var_dels = no_ends
-    gc.disable()
-    try:
-        yield
-    finally:
+    collecting = gc.isenabled()
+    with contextlib.ExitStack() as stack:
         if collecting:
-            gc.enable()
-        of_all.get_call_type, calls._get_return_status = original, status_of
-        variables._insert_var_dels = insert_ends
+            stack.callback(gc.enable)
+            gc.disable()
+        for place, name, instead in (
+                (of_all, "get_call_type", remembered), (CPUCallConv, "_get_return_status", no_error),
+                (PostProcessor, "_insert_var_dels", _nothing), (event, "broadcast", _nothing),
+                (Lower, "alloca_lltype", space)):
+            stack.callback(setattr, place, name, getattr(place, name))
+            setattr(place, name, instead)
+        yield
 
 
 class _KernelCompiler(_PartCompiler):
