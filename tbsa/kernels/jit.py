@@ -319,15 +319,16 @@ def _as_kernels_are() -> Iterator[None]:
     def space(self: Any, name: str, kind: Any, **_: Any) -> Any:
         return cgutils.alloca_once(self.builder, kind, name=name, zfill=False)
 
+    changes: list[tuple[Any, str, Any]] = [
+        (of_all, "get_call_type", remembered), (CPUCallConv, "_get_return_status", no_error),
+        (PostProcessor, "_insert_var_dels", _nothing), (event, "broadcast", _nothing),
+        (Lower, "alloca_lltype", space)]
     collecting = gc.isenabled()
     with contextlib.ExitStack() as stack:
         if collecting:
             stack.callback(gc.enable)
             gc.disable()
-        for place, name, instead in (
-                (of_all, "get_call_type", remembered), (CPUCallConv, "_get_return_status", no_error),
-                (PostProcessor, "_insert_var_dels", _nothing), (event, "broadcast", _nothing),
-                (Lower, "alloca_lltype", space)):
+        for place, name, instead in changes:
             stack.callback(setattr, place, name, getattr(place, name))
             setattr(place, name, instead)
         yield
