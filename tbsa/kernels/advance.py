@@ -1036,7 +1036,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         further: Any = np.int64(n if contacts else 0)  # tiles that come further than assumed
         late = rows.size[LATE]
         for part in range(parts):
-            turns_far = magnetic and any_turns_far(n, w, part_length)
+            turns_far = magnetic and any_turns_far(n, w, part_length, work.magnets.turns)
             if magnetic:
                 error = find_magnets(k, 0.5 * part_length, reach, tiles, magnets, x, y, angle,
                                      turns_far, np.int64(1) if part == 0 else ZERO, work, counts)

@@ -95,7 +95,9 @@ class MagnetPairs(NamedTuple):
     strength: np.ndarray  # float64[room], N m^2, polarity times alpha
     room: int
     size: np.ndarray  # int64[1], magnet pairs
-    far: np.ndarray  # int32[FEW], scratch: some of those of tiles that turn far
+    turns: np.ndarray  # int64[n], scratch: 1 for tiles that turn far
+    some: np.ndarray  # int32[CHUNK], ... pairs of these, out of as many
+    far: np.ndarray  # int32[FEW], ... some of those that turn far as seen from each other
     ways: np.ndarray  # float64[WAY], ... and how they go, by fields of FEW (mean_forces.py)
     x: np.ndarray  # float64[n], m, rad, where the tiles were when they were listed
     y: np.ndarray
@@ -120,7 +122,8 @@ def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> M
     lists = [np.zeros(size, np.int32) for size in [pairs] * 3 + [capacity] * 2]
     near = MagnetPairs._make([
         *lists[:3], *part, *lists[3:], np.zeros(capacity), capacity,
-        np.zeros(1, np.int64), np.zeros(FEW, np.int32), np.zeros(WAY), *columns(n, [float] * 5),
+        np.zeros(1, np.int64), np.zeros(n, np.int64), np.zeros(CHUNK, np.int32),
+        np.zeros(FEW, np.int32), np.zeros(WAY), *columns(n, [float] * 5),
         hx, hy, *columns(4 * n, [float] * 6)])
     near.margin[:] = -1.0
     return near

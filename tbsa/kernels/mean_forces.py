@@ -17,8 +17,8 @@ import numpy as np
 
 from tbsa.kernels.bodies import Bodies
 from tbsa.kernels.geometry import cos_sin
-from tbsa.kernels.jit import ZERO, U, inline, lane
-from tbsa.kernels.magnets import FEW, WAY, MagnetLaw, MagnetPairs, pull_of
+from tbsa.kernels.jit import ZERO, U, inline, lane, rolled
+from tbsa.kernels.magnets import CHUNK, FEW, WAY, MagnetLaw, MagnetPairs, pull_of
 
 # How far (rad) a tile turns at most from one place to the next, up to MOST_PLACES of them.
 FAR = 0.15
@@ -32,13 +32,15 @@ QUARTER = 0.5 * math.pi
  TB) = (U(field) for field in range(0, WAY, FEW))
 
 
-@inline
-def any_turns_far(n: int, w: np.ndarray, time: float) -> bool:
-    """Whether any of n tiles turns so far in this time (s) that one place may not tell of it."""
-    fastest = 0.0
+@rolled
+def any_turns_far(n: int, w: np.ndarray, time: float, turns: np.ndarray) -> bool:
+    """Which of n tiles turn so far in this time (s) that one place may not tell of it, as 1 in
+    `turns`; whether any does."""
+    some = 0
     for i in range(U(n)):
-        fastest = max(fastest, abs(w[i]))
-    return bool(fastest * time > FAR)
+        turns[i] = 1 if abs(w[i]) * time > FAR else 0
+        some |= turns[i]
+    return some != 0
 
 
 @lane
@@ -49,8 +51,6 @@ def places_of(x: np.ndarray, y: np.ndarray, v: Bodies, time: float, a: int, b: i
     one.
     """
     w = v.w
-    if max(abs(w[a]), abs(w[b])) * time <= FAR:
-        return 1.0
     dx, dy = x[b] - x[a], y[b] - y[a]
     line = ((dx * (v.vy[b] - v.vy[a]) - dy * (v.vx[b] - v.vx[a]))
             / max(dx * dx + dy * dy, 1e-300))
@@ -63,18 +63,25 @@ def add_mean_forces(law: MagnetLaw, near: MagnetPairs, time: float, x: np.ndarra
                     angle: np.ndarray, v: Bodies, fx: np.ndarray, fy: np.ndarray,
                     torque: np.ndarray) -> None:
     """Put the mean forces (N, N m) in this time (s) from now in place of those in its middle,
-    between tiles that turn far in it, as they go from x, y, angle."""
-    p, q, far, places_at = near.p, near.q, near.far, near.ways
+    between tiles that turn far in it, as `any_turns_far` has told, and go from x, y, angle."""
+    p, q, some, far, turns, places_at = near.p, near.q, near.some, near.far, near.turns, near.ways
     size, last_a, last_b, places = ZERO, U(0), U(0), 1.0
-    for i in range(near.size[0]):
-        a, b = U(p[i]) >> U(2), U(q[i]) >> U(2)
-        if a != last_a or b != last_b:  # all pairs of magnets of two tiles stand together
-            places, last_a, last_b = places_of(x, y, v, time, a, b), a, b
-        far[size], places_at[U(size) + PLACES] = i, places
-        size += 1 if places > 1.0 else 0
-        if size == FEW:
-            exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
-            size = ZERO
+    for start in range(0, near.size[0], CHUNK):
+        o, found = U(start), U(0)
+        for i in range(U(min(near.size[0] - start, CHUNK))):
+            # Written in any case and kept by moving on, as no branch can be foreseen.
+            some[found] = o + i
+            found += U(turns[U(p[o + i]) >> U(2)] | turns[U(q[o + i]) >> U(2)])
+        for j in range(found):
+            i = U(some[j])
+            a, b = U(p[i]) >> U(2), U(q[i]) >> U(2)
+            if a != last_a or b != last_b:  # all pairs of magnets of two tiles stand together
+                places, last_a, last_b = places_of(x, y, v, time, a, b), a, b
+            far[size], places_at[U(size) + PLACES] = i, places
+            size += 1 if places > 1.0 else 0
+            if size == FEW:
+                exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
+                size = ZERO
     if size > 0:
         exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
 
