@@ -35,6 +35,8 @@ from numba.core.compiler import Compiler
 from numba.core.lowering import Lower
 from numba.core.postproc import PostProcessor
 from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import InlineOverloads
+from numba.core.untyped_passes import InlineClosureLikes
 
 # An index that came out of an array: unsigned, as the constants that places are counted with, or
 # Numba would make a float of their sum.
@@ -250,6 +252,9 @@ class _Whole(JITCodeLibrary):
         super()._optimize_final_module()
 
 
+NEEDLESS = {InlineClosureLikes, InlineOverloads}
+
+
 class _PartCompiler(Compiler):
     """Numba's compiler, for helpers.
 
@@ -261,13 +266,17 @@ class _PartCompiler(Compiler):
     always_inline, called_by_python = False, False
 
     def define_pipelines(self) -> Any:
-        """What Numba does with every function."""
+        """What Numba does with every function, but for looking for closures and for functions that
+        are to become part of another one before types are known; nobody writes either."""
         state = self.state
         state.library = self.kind(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         state.flags.forceinline = self.always_inline
         state.flags.no_cpython_wrapper = not self.called_by_python
-        return super().define_pipelines()
+        pipelines = super().define_pipelines()
+        for each in pipelines:
+            each.passes = [one for one in each.passes if one[0] not in NEEDLESS]
+        return pipelines
 
 
 class _LaneCompiler(_PartCompiler):

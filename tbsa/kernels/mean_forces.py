@@ -73,11 +73,11 @@ def add_mean_forces(law: MagnetLaw, near: MagnetPairs, time: float, x: np.ndarra
             some[found] = o + i
             found += U(turns[U(p[o + i]) >> U(2)] | turns[U(q[o + i]) >> U(2)])
         for j in range(found):
-            i = U(some[j])
-            a, b = U(p[i]) >> U(2), U(q[i]) >> U(2)
+            pair = U(some[j])
+            a, b = U(p[pair]) >> U(2), U(q[pair]) >> U(2)
             if a != last_a or b != last_b:  # all pairs of magnets of two tiles stand together
                 places, last_a, last_b = places_of(x, y, v, time, a, b), a, b
-            far[size], places_at[U(size) + PLACES] = i, places
+            far[size], places_at[U(size) + PLACES] = pair, places
             size += 1 if places > 1.0 else 0
             if size == FEW:
                 exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
