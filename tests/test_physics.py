@@ -767,6 +767,30 @@ def test_what_rubs_elsewhere_does_not_pay_for_work_done_here():
     assert released(far=True) < 0.1
 
 
+@pytest.mark.parametrize(("width", "weights", "speed", "friction"), [
+    (0.03, 5.0, 1.0, 0.25), (0.03, 5.0, 2.0, 0.25), (0.02, 3.0, 1.0, 0.25), (0.01, 5.0, 0.5, 0.25),
+    (0.005, 1.0, 0.5, 0.0)])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_what_is_pressed_on_a_row_of_tiles_does_not_catch_on_its_joints(width, weights, speed,
+                                                                       friction, backwards):
+    """By so many times its weight, and pushed on as hard as friction holds it back; whatever the
+    order in which the row is numbered, at the paper's tolerance, which lets it sink in a little and
+    bears its friction to a few per cent only."""
+    mass, cells = MASS * (width / WIDTH)**2, range(-2, 60)
+    load = weights * mass * 9.81
+    s = simulate([*(tile(i * width, 0, held=True) for i in (cells[::-1] if backwards else cells)),
+                  tile(0, width, vx=speed)],
+                 body=material(width=width, mass=mass, friction=friction, restitution=0.2,
+                               restitution_threshold=0.01),
+                 drive=Drive("constant", (friction * load, -load)), step=1 / 120, substeps=12,
+                 tolerance=2e-2, at_rest=0.025, passes=80)
+    while s.x[-1] < 50 * width:
+        s.advance(1)
+        assert abs(s.angle[-1]) < 0.01
+    gained = s.vx[-1] - speed
+    assert -0.01 * speed < gained < 0.03 * friction * load / mass * s.time + 1e-3 * speed
+
+
 @pytest.mark.parametrize("law", ["separate", "coupled", "exact"])
 @pytest.mark.parametrize("ratio", [1.2, 2.0, 5.0])
 @pytest.mark.parametrize("substeps", [1, 4])

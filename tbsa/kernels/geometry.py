@@ -20,8 +20,9 @@ from tbsa.kernels.jit import lane
 CIRCLE, RECTANGLE = 1, 2
 
 # Two corners that pass each other with less overlap than this fraction of the width do not
-# touch: an exact corner would catch on every joint between the tiles of a straight wall.
-BLUNT = 1e-3
+# touch: an exact corner would catch on every joint between the tiles of a straight wall.  More than
+# what overlap is left alone (`projection.SLOP`): what is pressed on such a wall lies that deep.
+BLUNT = 1.5e-3
 
 
 @lane
