@@ -589,6 +589,12 @@ def test_the_table_of_runs_that_fail_does_not_depend_on_how_they_were_cut(
     assert tables("fine") == tables("out")
 
 
+def test_what_is_no_executor_is_refused_before_anything_is_written(here):
+    with pytest.raises(TypeError, match=r"executor must be a concurrent\.futures\.Executor.*int"):
+        campaign("campaign.toml", "out", executor=3)
+    assert not Path("out").exists()
+
+
 def test_what_an_executor_raises_is_a_failed_run(here):
     class Losing(ThreadPoolExecutor):
         def submit(self, function, job):

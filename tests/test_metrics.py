@@ -466,6 +466,16 @@ def test_arrays_that_do_not_fit_are_refused():
         metrics.size(scene, layout, x, y, angle * np.nan)
     with pytest.raises(InputError, match="n = 8 tiles"):
         metrics.table(scene, layout, np.zeros(2), x[None], y[None], angle[None])
+    with pytest.raises(InputError, match=r"record\.x.*finite numbers"):
+        metrics.assembly(scene, layout, x * 1j, y, angle)
+    with pytest.raises(InputError, match=r"table\.time.*finite"):
+        metrics.table(scene, layout, [np.nan], x[None], y[None], angle[None])
+    with pytest.raises(InputError, match="arrays of numbers"):
+        metrics.table(scene, layout, np.zeros(2), [x, x[1:]], [y, y], [angle, angle])
+    with pytest.raises(TypeError, match=r"scene must be a Scene, not str: tbsa\.load"):
+        metrics.assembly("scene.toml", layout, x, y, angle)
+    with pytest.raises(TypeError, match="layout must be a Layout, not tuple"):
+        metrics.assembly(scene, (x, y, angle), x, y, angle)
 
 
 def test_a_layout_of_another_scene_is_refused():

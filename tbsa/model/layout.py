@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tbsa.errors import InputError
-from tbsa.model.scene import Reactor, Scene
+from tbsa.model.scene import Reactor, Scene, check_is_scene
 from tbsa.model.squares import Floats, Integers, depth, inside, lattice, near
 
 TRIALS = 1_000_000, 300
@@ -50,7 +50,12 @@ def check(layout: Layout, scene: Scene) -> None:
     InputError
         Where one has another length or kind, a place or velocity is not finite, an angle is beyond
         `TURNED`, a type is none of the scene's, or there is no tile.
+    TypeError
+        Where they are no layout and no scene.
     """
+    check_is_scene(scene)
+    if not isinstance(layout, Layout):
+        raise TypeError(f"layout must be a Layout, not {type(layout).__name__}")
     n = np.size(layout.x)
     if n == 0:
         raise InputError("must hold at least one tile", field="layout")

@@ -123,8 +123,13 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
         Where another process is doing some of the same runs.
     RuntimeError
         Where the workers die again and again.
+    TypeError
+        Where the executor is none.
     """
     out = Path(out)
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise TypeError("executor must be a concurrent.futures.Executor, or have its submit, not "
+                        + type(executor).__name__)
     if jobs is not None and jobs < 1:
         raise InputError("must be at least 1", field="jobs", value=jobs)
     plan = read_plan(path)

@@ -268,8 +268,11 @@ def table(
     """
     import pandas as pd
 
-    time = np.asarray(time, dtype=np.float64)
-    x, y, angle = (np.asarray(each, dtype=np.float64) for each in (x, y, angle))
+    try:
+        time, x, y, angle = (np.asarray(each, dtype=np.float64) for each in (time, x, y, angle))
+    except (TypeError, ValueError):
+        raise InputError("must be arrays of numbers, with a row of all tiles for each time",
+                         field="table") from None
     shape = (*time.shape, len(layout.x))
     if time.ndim != 1 or not x.shape == y.shape == angle.shape == shape:
         raise InputError(
@@ -278,6 +281,8 @@ def table(
             field="table",
             value=(time.shape, x.shape, y.shape, angle.shape),
         )
+    if not np.isfinite(time).all():
+        raise InputError("must be finite numbers", field="table.time")
     truth = truth_of(scene)
     start = assembly(scene, layout, layout.x, layout.y, layout.angle, truth)
     attached = np.zeros((len(time), len(layout.x)), dtype=np.bool_)
@@ -324,7 +329,7 @@ def _record(
                 field=f"record.{name}",
                 value=np.shape(each),
             )
-        if not np.isfinite(each).all():
+        if np.asarray(each).dtype.kind not in "fiu" or not np.isfinite(each).all():
             raise InputError("must be finite numbers", field=f"record.{name}")
     return np.asarray(x, float), np.asarray(y, float), np.asarray(angle, float)
 
