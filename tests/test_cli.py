@@ -347,6 +347,13 @@ def test_check_tells_what_the_drive_cannot_do(here, capsys):
     assert "the drive has no torque" in out
 
 
+def test_check_tells_of_a_tolerance_that_lets_tiles_come_into_each_other(here, capsys):
+    for tolerance, part in ((0.05, None), (0.06, "0.1 %"), (0.6, "1 %")):  # substep of 1/1920 s
+        out = checked(capsys, f"{SCENE}\n[solver]\ntolerance = {tolerance}\n")
+        assert ("come into each other" in out) == (part is not None)
+        assert part is None or f"by {part} of their width in a substep" in out
+
+
 def test_check_has_the_force_of_a_bond_that_the_cut_off_leaves(here, capsys):
     out = checked(capsys, SCENE.replace("[magnet]", "[magnet]\ncutoff = 0.0031"))
     left = force(3e-3, Law(cutoff=3.1e-3, switch=0.1))
