@@ -466,11 +466,13 @@ def test_arrays_that_do_not_fit_are_refused():
         metrics.size(scene, layout, x, y, angle * np.nan)
     with pytest.raises(InputError, match="n = 8 tiles"):
         metrics.table(scene, layout, np.zeros(2), x[None], y[None], angle[None])
-    with pytest.raises(InputError, match=r"record\.x.*finite numbers"):
+    with pytest.raises(InputError, match=r"record\.x: .*complex128.* array of numbers"):
         metrics.assembly(scene, layout, x * 1j, y, angle)
     with pytest.raises(InputError, match=r"table\.time.*finite"):
         metrics.table(scene, layout, [np.nan], x[None], y[None], angle[None])
-    with pytest.raises(InputError, match="arrays of numbers"):
+    with pytest.raises(InputError, match=r"table\.x: .*complex128.* array of numbers"):
+        metrics.table(scene, layout, [0.0], x[None] * 1j, y[None], angle[None])
+    with pytest.raises(InputError, match=r"table\.x: .*list.* array of numbers"):
         metrics.table(scene, layout, np.zeros(2), [x, x[1:]], [y, y], [angle, angle])
     with pytest.raises(TypeError, match=r"scene must be a Scene, not str: tbsa\.load"):
         metrics.assembly("scene.toml", layout, x, y, angle)

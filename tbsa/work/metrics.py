@@ -268,11 +268,9 @@ def table(
     """
     import pandas as pd
 
-    try:
-        time, x, y, angle = (np.asarray(each, dtype=np.float64) for each in (time, x, y, angle))
-    except (TypeError, ValueError):
-        raise InputError("must be arrays of numbers, with a row of all tiles for each time",
-                         field="table") from None
+    check(layout, scene)
+    time, x, y, angle = (_numbers(each, f"table.{name}") for name, each in (
+        ("time", time), ("x", x), ("y", y), ("angle", angle)))
     shape = (*time.shape, len(layout.x))
     if time.ndim != 1 or not x.shape == y.shape == angle.shape == shape:
         raise InputError(
@@ -282,7 +280,8 @@ def table(
             value=(time.shape, x.shape, y.shape, angle.shape),
         )
     if not np.isfinite(time).all():
-        raise InputError("must be finite numbers", field="table.time")
+        raise InputError("must be finite numbers", field="table.time",
+                         value=time[~np.isfinite(time)][0])
     truth = truth_of(scene)
     start = assembly(scene, layout, layout.x, layout.y, layout.angle, truth)
     attached = np.zeros((len(time), len(layout.x)), dtype=np.bool_)
@@ -317,21 +316,35 @@ def events(attached: Mask) -> tuple[Ints, Ints]:
     return joined, left
 
 
+def _numbers(values: object, field: str) -> Floats:
+    """Real numbers as a float64 array, or an InputError."""
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        found = np.asarray(None)
+    if found.dtype.kind not in "fiu":
+        raise InputError("must be an array of numbers", field=field, value=type(values).__name__
+                         if found.dtype == object else f"one of {found.dtype}")
+    return found.astype(np.float64, copy=False)
+
+
 def _record(
     scene: Scene, layout: Layout, x: Floats, y: Floats, angle: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """One record as float64 arrays, or an InputError."""
     check(layout, scene)
+    x, y, angle = (_numbers(each, f"record.{name}") for name, each in (
+        ("x", x), ("y", y), ("angle", angle)))
     for name, each in (("x", x), ("y", y), ("angle", angle)):
-        if np.shape(each) != layout.x.shape:
+        if each.shape != layout.x.shape:
             raise InputError(
                 f"must have the layout's shape {layout.x.shape}",
                 field=f"record.{name}",
-                value=np.shape(each),
+                value=each.shape,
             )
-        if np.asarray(each).dtype.kind not in "fiu" or not np.isfinite(each).all():
+        if not np.isfinite(each).all():
             raise InputError("must be finite numbers", field=f"record.{name}")
-    return np.asarray(x, float), np.asarray(y, float), np.asarray(angle, float)
+    return x, y, angle
 
 
 def _numbered(names: list[str]) -> Ints:

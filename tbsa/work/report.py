@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tbsa.errors import InputError, printable
+from tbsa.kernels.projection import SLOP
 from tbsa.model.layout import Layout, initial_layout
 from tbsa.model.scene import EDGES, Drive, Scene
 from tbsa.model.simulation import floor_limits
@@ -289,9 +290,10 @@ def _solver(scene: Scene) -> list[str]:
     part = solver.tolerance * h / scene.material.width
     lines = [f"substep {h:.4g} s ({solver.substeps} in {solver.step:.4g} s), at most "
              f"{solver.passes} passes to {solver.tolerance:g} m/s"]
-    if part > 1e-3:
+    if part > SLOP:
         lines += [f"that tolerance lets tiles come into each other by {100 * part:.2g} % of their "
-                  "width in a substep, more than the 0.1 % that are left alone: take a smaller one"]
+                  f"width in a substep, more than the {100 * SLOP:g} % that are left alone: "
+                  "take a smaller one"]
     return lines
 
 
