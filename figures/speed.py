@@ -37,9 +37,10 @@ def make() -> Figure:
     fig = figure(3.0, 7.1)
     *lefts, right = fig.subplots(1, len(scenes) + 1, width_ratios=[1.0] * len(scenes) + [1.25])
     for ax, scene in zip(lefts, scenes, strict=True):
+        if ax is not lefts[0]:
+            ax.sharey(lefts[0])  # first: the limits of both come from all that is drawn
         cost(ax, [row for row in sizes if row["scene"] == scene])
         ax.set_title(scene, fontsize=7)
-        ax.sharey(lefts[0])
     for ax in lefts[1:]:
         ax.set_ylabel("")
     speeds(right, rows)

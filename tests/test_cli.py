@@ -147,6 +147,16 @@ def test_run_ends_with_a_summary(here, capsys):
         "checkpoint.npz", "layout.npz", "records.npy", "run.json", "scene.toml"]
 
 
+def test_the_summary_has_the_bonds_of_the_assembly_and_not_of_all_tiles():
+    """A pair that has bonded far from the seed is no part of it."""
+    pair = [{"type": "black", "position": [0, 0]}, {"type": "white", "position": [0.03, 0]}]
+    scene = tbsa.parse({
+        "tiles": {"set": "chessboard"}, "magnet": {}, "free": {"tile": pair},
+        "seed": {"shape": "cells", "cells": [[0, 0, "black"]], "centre": [0.3, 0.3]}})
+    text = cli.summary(scene, tbsa.Simulation(scene), 1.0)
+    assert "assembly 0 tiles and 1 of the seed, 0 wrong, 0 holes, 0 bonds" in text
+
+
 @pytest.mark.parametrize(("share", "warned"), [(0.0009, False), (0.0011, True)])
 def test_the_summary_warns_where_tiles_were_deep_in_each_other(share, warned):
     scene = tbsa.parse(SCENE)
@@ -766,6 +776,7 @@ def test_a_scene_edited_in_the_runs_folder_is_refused(run, here, capsys):
     (["metrics", "run", "--out", "."], "--out: '.' must be a file, and is a folder"),
     (["metrics", "run", "--out", "/"], "--out: '/' must be a file, and is a folder"),
     (["metrics", "run", "--out", "run"], "--out: 'run' must be a file, and is a folder"),
+    (["metrics", "run", "--out", "scene.toml"], "tbsa: --out: 'scene.toml' must end in .csv"),
     (["metrics", "run", "--out", 300 * "x"], "must be a path that can be written: File name too"),
     (["metrics", "run", "--out", 250 * "x"], "must be a path that can be written: File name too"),
     (["draw", "run", "--out", 300 * "x" + ".png"], "must be a path that can be written: File na"),

@@ -33,6 +33,7 @@ from figures import (
     margin,
     reactor,
     snapshots,
+    speed,
     style,
     terminology,
     tile_magnets,
@@ -486,3 +487,19 @@ def test_the_reactor_has_equal_families_and_a_held_cross():
     free = layout.type[~layout.held]
     assert np.bincount(free).tolist() == [reactor.NUMBER // 2] * 2
     assert layout.held.sum() == 4 * reactor.ARM + 1
+
+
+def test_all_sizes_are_inside_the_picture_of_speed(monkeypatch):
+    """Both scenes share an axis, and the second may take longer than any of the first."""
+    def rows(scene, cost):
+        return [{"part": "sizes", "scene": scene, "setting": "fixed", "skips": "on",
+                 "tiles": tiles, "median": cost * tiles**0.2} for tiles in (550, 2200, 100_000)]
+
+    results = {"rows": [*rows("unicycle", 1e-7), *rows("shaking", 9e-7)]}
+    monkeypatch.setattr(speed, "results", lambda _: results)
+    monkeypatch.setattr(speed, "speeds", lambda ax, _: None)
+    first, second, *_ = speed.make().axes
+    low, high = second.get_ylim()
+    drawn = [y for ax in (first, second) for line in ax.lines for y in line.get_ydata()]
+    assert len(drawn) == 6
+    assert low < min(drawn) < max(drawn) < high

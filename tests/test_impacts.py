@@ -536,6 +536,64 @@ def test_of_what_rocks_onto_a_wall_and_is_hit_few_depend_on_the_step():
     assert np.mean(np.array(errors) > 0.03) < 0.12
 
 
+def energy_left_of_spin(tilt, step):
+    """Of a smooth tile that rocks down onto a wall about a corner, which slides, under 0.16 N: the
+    part of its spin that its energy after landing stands for, and points that hit.
+
+    It lands with F w (sin + cos - 1)/2 = J spin^2/2; both corners then press, and by Poisson's law
+    it leaves with e times the spin.
+    """
+    load, e, radius = 0.16, 0.2, WIDTH / math.sqrt(2.0)
+    at = tilt + math.pi / 4.0
+    s = simulate([tile(radius * math.cos(at), radius * math.sin(at) - 0.1, tilt)], step=step,
+                 substeps=4, tolerance=1e-5, drive=Drive("constant", (0.0, -load)),
+                 reactor=Reactor("rectangle", width=0.8, height=0.2, friction=0.0, restitution=e),
+                 body=material(friction=0.0, restitution=e, restitution_threshold=0.01))
+    fall = 0.5 * WIDTH * (math.sin(tilt) + math.cos(tilt) - 1.0)
+    inertia = INERTIA + MASS * WIDTH**2 / 4.0  # of sliding and turning, flat on the wall
+    spin = -math.sqrt(2.0 * load * fall / inertia)
+    for _ in range(round(0.2 / step)):
+        before = s.omega[0]
+        s.advance(1)
+        if before < -2.0 and s.omega[0] > 0.5 * before and s.angle[0] < 0.02:
+            break
+    energy = s.kinetic_energy() + load * (s.y[0] + 0.1 - 0.5 * WIDTH)
+    return math.sqrt(2.0 * energy / inertia) / -spin, int(s.counts.impacts[0])
+
+
+@pytest.mark.parametrize("step", [1 / 240, 1 / 480, 1 / 1920])
+def test_what_rocks_down_onto_a_wall_lands_on_both_corners_in_any_phase_of_a_step(step):
+    """The corner that it rests on leaves along its arc while the tile flies on to where the other
+    lands, as nothing presses it there: it was taken to be off the wall in half of the cases, and
+    the tile bounced from one corner to the other, with 0.8 of the spin that is left."""
+    for tilt in np.arange(0.25, 0.48, 0.02):
+        left, hits = energy_left_of_spin(tilt, step)
+        assert left == pytest.approx(0.2, rel=3e-3)
+        assert hits == 1
+
+
+@pytest.mark.parametrize(("force", "step"), [(1.0, 1 / 60), (5.0, 1 / 60), (5.0, 1 / 120)])
+def test_a_load_that_comes_on_in_calm_presses_nothing_into_the_wall(tmp_path, force, step):
+    """Substeps are joined while a tile lies still 30 um from a wall; what then pushes it brings it
+    further in one of these than anything has foreseen: by up to 0.18 of its width, and the
+    wall pushed it out against the load."""
+    (tmp_path / "on.py").write_text(
+        "def on(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):\n"
+        "    if t >= p[0]:\n        fx += p[1]\n")
+    gap = 3e-5
+    s = simulate([tile(0.1 - 0.5 * WIDTH - gap, 0)], step=step, substeps=4, tolerance=1e-5,
+                 reactor=Reactor("rectangle", width=0.2, height=0.2, friction=0.0, restitution=0.5),
+                 drive=Drive("user", module=str(tmp_path / "on.py"), function="on",
+                             parameters=(0.1, force)),
+                 body=material(friction=0.0, restitution=0.5))
+    s.run(0.1)
+    for _ in range(round(0.1 / step)):
+        s.advance(1)
+        way = s.x[0] - (0.1 - 0.5 * WIDTH - gap)
+        assert way < gap + 2e-3 * WIDTH
+        assert s.kinetic_energy() <= force * way + 1e-12
+
+
 @pytest.mark.parametrize("solver", [RECOMMENDED, DEFAULT], ids=["recommended", "default"])
 def test_two_smooth_elastic_tiles_keep_their_energy_however_they_meet(solver):
     """Three hundred pairs that tumble into each other at 0.3 m/s: corners that will meet in the
@@ -1604,7 +1662,7 @@ def test_what_pressed_tiles_do_does_not_depend_on_the_speed_that_both_have():
                                                     join_substeps=False)))
         s.advance(75)
         found.append((s.vx - common, s.vy, s.omega))
-        assert s.counts.impacts[0] == 6
+        assert s.counts.impacts[0] == 5  # as at a 64th of the step
     assert np.abs(np.diff(found, axis=0)).max() < 1e-9
 
 

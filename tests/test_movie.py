@@ -300,12 +300,14 @@ def test_a_page_plots_a_run_of_any_length():
     page = (Path(films.__file__).parent / "viewer.html").read_text(encoding="utf-8")
     assert not re.findall(r"\(\.\.\.run\b[^)]*\)", page)
     drawing = re.search(r"const most = (.+);\n", page)[1]
-    program = (f"const run = {{size: new Array(300000).fill(2)}}; run.size[7] = 9;"
-               f"process.stdout.write(String({drawing}))")
     if shutil.which("node") is None:
         pytest.skip("needs node")
-    assert subprocess.run(["node", "-e", program], capture_output=True, text=True,
-                          check=True).stdout == "9"
+    for each in ("size", "errors", "holes"):  # all three are drawn
+        program = ("const many = () => new Array(300000).fill(2);"
+                   "const run = {size: many(), errors: many(), holes: many()};"
+                   f"run.{each}[7] = 9; process.stdout.write(String({drawing}))")
+        assert subprocess.run(["node", "-e", program], capture_output=True, text=True,
+                              check=True).stdout == "9"
 
 
 def test_a_page_leaves_the_browser_its_own_keys():

@@ -317,6 +317,14 @@ def test_a_block_without_size_neither_slips_nor_detaches(size):
     for load in (scaling.slip_onset, scaling.critical_load):
         with pytest.raises(ValueError, match="the size must be positive"):
             load(0.0, size, BOND)
+    with pytest.raises(ValueError, match="the size must be positive"):
+        scaling.seed_bond(size, Law())
+
+
+@pytest.mark.parametrize("numbers", [(math.nan,), (-1.0,), (BOND, -0.1), (BOND, MU, math.nan)])
+def test_a_block_does_not_slip_under_bonds_and_friction_that_are_none(numbers):
+    with pytest.raises(ValueError, match="bond, mu and floor at least 0"):
+        scaling.slip_onset(0.0, 2, *numbers)
 
 
 def test_a_report_that_cannot_be_written_is_told_by_the_exit_code(unwritable):

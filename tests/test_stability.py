@@ -248,6 +248,21 @@ def test_recorded_tiles_show_their_glues_as_turned(turns):
         assert tuple(facing) == rotated(glues[kind], turn)
 
 
+@pytest.mark.parametrize(("kind", "turns", "words"), [
+    ([-1], [0], "kind must be from 0 to 1"), ([2], [0], "kind must be from 0 to 1"),
+    ([0], [0.5], "must be whole numbers")])
+def test_what_is_no_recorded_tile_is_refused(kind, turns, words):
+    with pytest.raises(ValueError, match=words):
+        stability.recorded([[0, 0]], kind, turns, [True], [(1, 2, 3, 4), (-1, 0, -3, 7)])
+
+
+@pytest.mark.parametrize("numbers", [(0, 0.2, 0.07), (-2, 0.2, 0.07), (2, math.nan, 0.07),
+                                     (2, 0.2, math.nan)])
+def test_a_probability_of_no_block_is_refused(numbers):
+    with pytest.raises(ValueError, match="n must be at least 1, bond and load numbers"):
+        stability.half_turn_holds(*numbers)
+
+
 # Torques.
 
 

@@ -627,3 +627,25 @@ def test_magnets_at_one_point_do_not_push_each_other(law, mating):
     np.testing.assert_allclose(wrench, wanted, atol=1e-12)
     factor = Statics(tiles, law, mating=mating, mu=0.2).rest(uniform(tiles, 1.0, 0.0)).factor
     assert 0.0 <= factor < (1e-9 if mating else math.inf)
+
+
+@pytest.mark.parametrize("parts", [
+    {"held": [0, 0, 0, 1]}, {"site": [[0.0, 0.0]]}, {"glues": [[1.0, 1.0, 1.0, 1.0]]}])
+def test_tiles_are_of_whole_numbers_and_held_or_not(parts):
+    """Held tiles that are 0 and 1 would all count as free: ~0 and ~1 are true."""
+    whole = block(1)
+    given = {"site": whole.site, "glues": whole.glues, "held": whole.held}
+    wrong = {name: np.resize(values, given[name].shape) for name, values in parts.items()}
+    with pytest.raises(ValueError, match="must be whole numbers, held true or false"):
+        Tiles(**(given | wrong))
+
+
+def test_sites_between_those_of_the_lattice_are_refused():
+    with pytest.raises(ValueError, match="sites must be whole numbers"):
+        statics.chessboard([(0.5, 0.7)], [(1, 0)])
+
+
+@pytest.mark.parametrize("tolerance", [math.nan, -1.0, math.inf])
+def test_a_tolerance_that_no_search_ends_at_is_refused(tolerance):
+    with pytest.raises(ValueError, match="the tolerance must be at least 0"):
+        Statics(block(2), SIMULATOR, mating=True, tolerance=tolerance)

@@ -241,9 +241,18 @@ def test_a_drive_of_either_sign_drives():
 
 
 def test_a_frequency_below_zero_is_refused_and_at_zero_nothing_is_driven():
-    with pytest.raises(ValueError, match=r"frequency must be at least 0, not -0\.1 Hz"):
+    with pytest.raises(ValueError, match=r"frequency must be at least 0 and finite, not -0\.1"):
         motion.driven_tile([1.0], **{**TILE, "frequency": -0.1})
     assert not motion.driven_tile([1.0], **{**TILE, "frequency": 0.0}).any()
+
+
+@pytest.mark.parametrize(("name", "value", "allowed"), [
+    ("force", math.nan, "a number"), ("torque", math.inf, "a number"), ("mass", 0.0, "positive"),
+    ("friction_force", -0.1, "at least 0"), ("friction_torque", math.nan, "at least 0"),
+    ("linear_damping", math.nan, "at least 0")])
+def test_a_driven_tile_of_what_is_no_number_is_refused(name, value, allowed):
+    with pytest.raises(ValueError, match=f"{name} must be {allowed} and finite, not {value}"):
+        motion.driven_tile([1.0], **{**TILE, name: value})
 
 
 def test_driven_tile_leaves_rest_along_the_force():

@@ -499,8 +499,11 @@ def test_a_coupled_drive_of_either_sign_drives(change):
 
 
 def test_what_the_unicycle_is_not_defined_for_is_refused():
-    with pytest.raises(ValueError, match=r"frequency must be at least 0, not -0\.5 Hz"):
+    with pytest.raises(ValueError, match=r"frequency must be at least 0 and finite, not -0\.5"):
         unicycle.coupled_tile([1.0], **(TILE | {"frequency": -0.5}))
+    for name, value in (("mu", -0.25), ("mass", -0.016), ("gravity", -9.81), ("force", math.nan)):
+        with pytest.raises(ValueError, match=f"{name} must be .* not {value}"):
+            unicycle.coupled_tile([1.0], **(TILE | {name: value}))
     for times in ([2.0, 1.0], [-1.0, 1.0], [math.nan], [math.inf], [[0.0, 1.0]]):
         for of in (lambda t: unicycle.coupled_tile(t, **TILE),
                    lambda t: unicycle.kinematic(t, 1.0, 1.0, 1.0, 0.5)):

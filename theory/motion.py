@@ -43,6 +43,23 @@ NODES, INTEGRALS, FIT = _radau(STAGES)
 GAUSS = legendre.leggauss(16)
 
 
+def demand(positive: dict[str, float], *, at_least_0: dict[str, float],
+           finite: dict[str, float]) -> None:
+    """Refuse what is not positive, below 0, or not finite, by its name.
+
+    Raises
+    ------
+    ValueError
+        It says which is, and what is allowed.
+    """
+    for name, value in (positive | at_least_0 | finite).items():
+        if (not math.isfinite(value) or (name in positive and value <= 0.0)
+                or (name in at_least_0 and value < 0.0)):
+            what = ("positive" if name in positive else
+                    "at least 0" if name in at_least_0 else "a number")
+            raise ValueError(f"{name} must be {what} and finite, not {value}")
+
+
 def increasing(times: ArrayLike) -> Reals:
     """Times (s) as an array, shape (k,).
 
@@ -310,13 +327,17 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
     Raises
     ------
     ValueError
-        Times that do not increase from 0, or a frequency below 0.
+        Times that do not increase from 0; a mass or inertia that is not positive, a frequency,
+        friction or damping below 0, or what is not finite.
     RuntimeError
         No step of the integrator is short enough.
     """
     instants = increasing(times)
-    if not frequency >= 0.0:
-        raise ValueError(f"the frequency must be at least 0, not {frequency} Hz")
+    demand({"mass": mass, "inertia": inertia},
+           at_least_0={"frequency": frequency, "friction_force": friction_force,
+                       "friction_torque": friction_torque, "linear_damping": linear_damping,
+                       "angular_damping": angular_damping},
+           finite={"force": force, "torque": torque, "forward": forward})
     last = float(instants[-1]) if instants.size else 0.0
     rate = 2.0 * math.pi * frequency
     load, bound = family * force / mass, friction_force / mass

@@ -113,10 +113,11 @@ def slip_onset(angle: float, n: float, bond: float, mu: float = 0.0, floor: floa
     Raises
     ------
     ValueError
-        A size that is not positive.
+        A size that is not positive, a bond or friction below 0.
     """
-    if not n > 0.0:
-        raise ValueError(f"the size must be positive, not {n}")
+    if not n > 0.0 or not bond >= 0.0 or not floor >= 0.0 or not mu >= 0.0:
+        raise ValueError(f"the size must be positive, bond, mu and floor at least 0, not {n}, "
+                         f"{bond} N, {mu} and {floor} N")
     g = bond / n
     c, s = math.cos(angle), math.sin(angle)
     found = [math.inf]
@@ -203,8 +204,10 @@ def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOAR
     Raises
     ------
     ValueError
-        A cut-off beyond one tile width.
+        A cut-off beyond one tile width, or a size that is not positive.
     """
+    if not 0.0 < n < math.inf:
+        raise ValueError(f"the size must be positive and finite, not {n}")
     return _bond_of(n, _pulls(law, glues))
 
 

@@ -131,7 +131,15 @@ def half_turn_holds(n: int, bond: float, load: float) -> float:
 
     Without friction a side of n bonds bears n F_g; the net force is F times a sum of n^2 signs,
     of spread n F: both grow alike, and the probability tends to erf(F_g/(F sqrt(2))).
+
+    Raises
+    ------
+    ValueError
+        An n below 1, or what is no number.
     """
+    if not n >= 1 or not math.isfinite(n) or math.isnan(bond) or math.isnan(load):
+        raise ValueError(f"n must be at least 1, bond and load numbers, not {n}, {bond} N and "
+                         f"{load} N")
     # Of |imbalance| = |n^2 - 2 k|; a force just borne is, however the quotient is rounded.
     share = n * max(bond, 0.0) / load * (1.0 + 1e-12) if load > 0.0 else math.inf
     most = min(share, n * n)
@@ -170,7 +178,13 @@ def recorded(site: ArrayLike, kind: ArrayLike, turns: ArrayLike, held: ArrayLike
     glues : int[k, 4]
         Glues N, E, S, W of the k types.
     """
-    kind, turns = np.asarray(kind, dtype=np.int64), np.asarray(turns, dtype=np.int64)
+    kind, turns, site = np.asarray(kind), np.asarray(turns), np.asarray(site)
+    if any(numbers.size and numbers.dtype.kind not in "iu" for numbers in (kind, turns, site)):
+        raise ValueError("site, kind and turns must be whole numbers, not "
+                         f"{site.dtype}, {kind.dtype} and {turns.dtype}")
+    if kind.size and not 0 <= kind.min() <= kind.max() < len(np.asarray(glues)):
+        raise ValueError(f"kind must be from 0 to {len(np.asarray(glues)) - 1}")
+    kind, turns = kind.astype(np.int64), turns.astype(np.int64)
     edge = (np.arange(4) + turns[:, None]) % 4  # after one turn the E edge faces N
     facing = np.take_along_axis(np.asarray(glues, dtype=np.int64)[kind], edge, axis=1)
     return Tiles(np.asarray(site, dtype=np.int64), facing, np.asarray(held, dtype=bool))

@@ -74,6 +74,10 @@ class Tiles:
         n = len(self.site)
         if (self.site.shape, self.glues.shape, self.held.shape) != ((n, 2), (n, 4), (n,)):
             raise ValueError("site, glues and held must be of shapes [n, 2], [n, 4] and [n]")
+        if (self.held.dtype != bool or self.site.dtype.kind not in "iu"
+                or self.glues.dtype.kind not in "iu"):
+            raise ValueError("site and glues must be whole numbers, held true or false, not "
+                             f"{self.site.dtype}, {self.glues.dtype} and {self.held.dtype}")
         if len(np.unique(self.site, axis=0)) != n:
             raise ValueError("two tiles are at one site")
 
@@ -91,7 +95,9 @@ def chessboard(free: Iterable[Site], held: Iterable[Site],
                glues: Sequence[Glues] = CHESSBOARD) -> Tiles:
     """Tiles of the chessboard's pattern: `free` sites, then `held` ones."""
     free, held = list(free), list(held)
-    site = np.array(free + held, dtype=np.int64).reshape(-1, 2)
+    site = np.array(free + held or np.zeros((0, 2), int)).reshape(-1, 2)
+    if site.dtype.kind not in "iu":
+        raise ValueError(f"sites must be whole numbers, not {site.dtype}")
     facing = np.array(glues, dtype=np.int64)[site.sum(axis=1) % 2]
     return Tiles(site, facing, np.arange(len(site)) >= len(free))
 
@@ -213,6 +219,8 @@ class Statics:
         if not 0.0 <= mu < math.inf or not 0.0 <= floor[0] < math.inf or not floor[1] >= 0.0:
             raise ValueError(f"mu and floor must be finite, but for the floor's torque, and at "
                              f"least 0, not {mu:g} and {floor[0]:g} N, {floor[1]:g} N m")
+        if not 0.0 <= tolerance < math.inf:
+            raise ValueError(f"the tolerance must be at least 0 and finite, not {tolerance}")
         self.tiles, self.mu, self.floor = tiles, mu, floor
         self.tolerance = tolerance
         self.width = law.width

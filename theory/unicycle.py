@@ -22,7 +22,7 @@ from scipy.integrate import Radau, solve_ivp
 
 from theory import command
 from theory.floor import MEAN_DISTANCE
-from theory.motion import increasing
+from theory.motion import demand, increasing
 
 Reals = NDArray[np.float64]
 
@@ -61,13 +61,16 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
     Raises
     ------
     ValueError
-        Times that do not increase from 0, or a frequency below 0.
+        Times that do not increase from 0; a mass or width that is not positive, a frequency,
+        friction, gravity or damping below 0, or what is not finite.
     RuntimeError
         The integrator fails.
     """
     instants = increasing(times)
-    if not frequency >= 0.0:
-        raise ValueError(f"the frequency must be at least 0, not {frequency} Hz")
+    demand({"mass": mass, "width": width},
+           at_least_0={"frequency": frequency, "mu": mu, "gravity": gravity,
+                       "linear_damping": linear_damping, "angular_damping": angular_damping},
+           finite={"force": force, "torque": torque, "forward": forward})
     inertia, arm, grip = mass * width * width / 6.0, MEAN_DISTANCE * width, mu * mass * gravity
     rate = 2.0 * math.pi * frequency
     driven = abs(family) * math.hypot(force, torque / arm) if frequency else 0.0

@@ -149,6 +149,9 @@ TICKS = 8
 # by more than CALM (widths), and no tiles that may touch go further past each other (widths), or
 # turn further (rad), than this in what they are joined to.
 JOINED, FEW, CALM, CALM_WAY, CALM_TURN = 8, 8, 1.2 * SLOP, 0.01, 0.2
+# ... and where forces may come on from one moment to the next none would bring a point further than
+# this (widths).
+SUDDEN = 0.03
 
 # Where no tile goes further than this in a step (widths), all are at rest.
 STILL = 1e-15
@@ -1047,7 +1050,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle, turns_far,
                 loaded, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
-            hardest = -1.0  # not asked for yet
+            hardest, most = -1.0, all_ticks  # not asked for yet
             end = left - all_ticks // parts
             while left > end:
                 if further > 0:
@@ -1064,11 +1067,15 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                         error = TOO_FAST
                         break
                     wanted = pace if others or last[2] > 0 else min(wanted, pace)
+                if hardest < 0.0 and rows.size[0] > 0:
+                    hardest = strongest(k, floor, work, loaded)
+                    while k.driven > 1 and most > TICKS and hardest * (most * tick) ** 2 > SUDDEN * k.width:
+                        most = max(most >> 1, np.int64(TICKS))
                 # What has just hit is where it is to be only after the time that was foreseen.
                 ticks = min(promised, left - end)
-                ticks = ticks if last[2] > 0 else min(wanted, ticks)
+                ticks = ticks if last[2] > 0 else min(min(wanted, most), ticks)
                 rest = left - end - ticks
-                promised = min(wanted, rest if rest > 0 else all_ticks // parts)
+                promised = min(min(wanted, most), rest if rest > 0 else all_ticks // parts)
                 scale_to(rows, ticks)
                 if ticks * tick != kh.h:
                     kh = with_substep(k, ticks * tick)
@@ -1078,8 +1085,6 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 ahead = (ticks + 0.5 * promised) * tick - middle
                 fresh = False
                 late = rows.size[LATE]
-                if hardest < 0.0 and rows.size[0] > 0:
-                    hardest = strongest(k, floor, work, loaded)
                 known = (left - end == all_ticks // parts and middle == 0.5 * part_length
                          and magnetic and work.magnets.size[0] > 0)
                 overlap = substep(k, kh, ticks, middle, known, ahead, left * tick,

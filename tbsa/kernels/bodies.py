@@ -37,7 +37,7 @@ class Numbers(NamedTuple):
     skip_converged: int  # 1, or 0: solve every row in every pass
     join_substeps: int  # 1, or 0: never a longer one than h
     skip_still: int  # 1, or 0: do every step; 0, too, where loads depend on time
-    driven: int  # 1, or 0: nothing drives the tiles
+    driven: int  # 0: nothing drives the tiles; 1, or 2 where loads may come on at any moment
     wall: int  # 0 none, 1 circle, 2 rectangle
     wall_x: float  # m, radius or half the width
     wall_y: float  # m, half the height

@@ -610,9 +610,14 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
         if count != 0.0 and (first or second):
             an, bn = (an1, bn1) if second else (an0, bn0)
             other, vn = (gap0, vn0) if second else (gap1, vn1)
-            # A corner that leaves is not in contact, though near yet and slower than a bounce.
+            # A corner that leaves is not in contact, though near yet and slower than a bounce; but
+            # one that was pressed leaves along its arc as nothing has pressed it on the way.
+            turn = abs(w[a]) + abs(w[b])
+            leaves = min(turn * turn * k.width * (time + 0.5 * k.h),
+                         r[i + K00] * r[i + WARM0] + r[i + K11] * r[i + WARM1])
+            leaves = k.tolerance + (leaves if z.since[a] + z.since[b] == 0.0 else 0.0)
             if count == 2.0 and ((first and second) or abs(gap1 - gap0) < FLUSH * k.width
-                                 or (other < near and -slow <= vn <= k.tolerance)):
+                                 or (other < near and -slow <= vn <= leaves)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
             across = nx * uy - ny * ux + bt * w[b] - at * w[a]
             if wall or not glances(k, dx, dy, ca, sa, cb, sb, nx, ny,

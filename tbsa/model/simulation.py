@@ -214,7 +214,7 @@ class Simulation:
             skip_converged=int(scene.solver.skip_converged),
             join_substeps=int(scene.solver.join_substeps),
             skip_still=int(scene.solver.skip_still and steady(scene)),
-            driven=int(scene.drive is not None),
+            driven=0 if scene.drive is None else 2 if scene.drive.kind == "user" else 1,
             wall=0 if wall is None else CIRCLE if circle else RECTANGLE,
             wall_x=0.0 if wall is None else float(wall.radius if circle else 0.5 * wall.width),
             wall_y=0.0 if wall is None or circle else 0.5 * wall.height,
@@ -382,7 +382,8 @@ class Simulation:
         InputError
             Where the time is negative or not finite; and what :meth:`advance` raises.
         """
-        if not 0.0 <= seconds < math.inf:
+        # Whole numbers may be beyond all floats, and so may a number of steps.
+        if not 0.0 <= seconds <= 0.5 * self.h * sys.float_info.max:
             raise InputError("must be a number from 0 s", field="seconds", value=seconds)
         steps = round((seconds + self._rest) / self.h)
         self._rest += seconds - steps * self.h

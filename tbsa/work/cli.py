@@ -433,7 +433,7 @@ def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.
         + f", from {begun:g} to {simulation.time:g} s" * (begun > 0.0),
         f"assembly {number_of(found.size, 'tile')} and {found.total - found.size} of the seed, "
         f"{found.errors} wrong, {number_of(found.holes, 'hole')}, "
-        f"{number_of(found.bonds, 'bond')}",
+        f"{number_of(int(found.row()['bonds_assembly']), 'bond')}",
         f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; beyond 0.1 % in "
         f"{shares[2:].sum():.3g} % of the time, 0.5 % in {shares[3:].sum():.3g} %, "
         f"2 % in {shares[4]:.3g} %",
@@ -516,6 +516,8 @@ def _metrics(arguments: argparse.Namespace) -> int:
     records = read_run(arguments.run)
     if arguments.out is not None:
         check_may_be_written(arguments.out, "--out")
+        if arguments.out.suffix.lower() != ".csv":
+            raise InputError("must end in .csv", field="--out", value=str(arguments.out))
     out = arguments.out or arguments.run / "metrics.csv"
     frame = table(records.scene, records.layout, records.time, records.x, records.y,
                   records.angle)
