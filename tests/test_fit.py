@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from scipy.constants import mu_0
-from scipy.optimize import curve_fit, least_squares
+from scipy.optimize import brentq, curve_fit, least_squares, minimize_scalar
 
 import tbsa
 from tbsa.errors import InputError
@@ -421,6 +421,110 @@ def test_small_magnets_are_found_by_points_that_go_far(seed):
     force = force + 3e-7 * np.random.default_rng(seed).standard_normal(d.size)
     small = fit(model, d, force, bounds={"side": (3e-3, 15e-3)})
     assert fit(model, d, force).chi2 <= small.chi2 * (1 + 2e-3)
+
+
+# Cylinders of 1.2 T, 8 mm wide and 5 mm high, of which the first point is the most precise.
+STIFF = np.array([[0, 20.34533], [1e-3, 10.84659], [2e-3, 6.95578], [3e-3, 4.69825],
+                  [5e-3, 2.35177], [8e-3, 0.95681], [12e-3, 0.34945], [20e-3, 0.06740]])
+PRECISE = [2e-5, 2e-7, 2e-9]
+
+
+def stiff(precise):
+    """Distances, forces and their uncertainties, 0.02 N but for the first."""
+    return *STIFF.T, np.array([precise] + 7 * [0.02])
+
+
+@pytest.mark.parametrize("ratio", [1, 1e3, 3e4, 1e5, 1e7])
+@pytest.mark.parametrize("where", [0, 4])
+def test_one_precise_point_does_not_keep_the_law_from_its_least_chi2(where, ratio):
+    """Against the least over beta alone, each with its best alpha."""
+    d, sd = STIFF[:, 0], np.full(8, 5e-3)
+    sd[where] /= ratio
+    force = LAW.force(d, ALPHA, 9.4e-3) + sd * np.random.default_rng(1).standard_normal(8)
+
+    def chi2(beta):
+        one = 1 / (d + beta) ** 2 / sd
+        return np.sum((one * (one @ (force / sd)) / (one @ one) - force / sd) ** 2)
+
+    found = fit(LAW, d, force, sd)
+    best = minimize_scalar(chi2, bounds=(6e-3, 14e-3), method="bounded", options={"xatol": 1e-12})
+    assert found.chi2 == pytest.approx(best.fun, rel=1e-6)
+    assert found.values[1] == pytest.approx(best.x, rel=1e-5)
+    assert not any("limit" in doubt for doubt in doubts(found, {}))
+
+
+@pytest.mark.parametrize("precise", PRECISE)
+def test_one_precise_point_does_not_keep_cylinders_from_their_least_chi2(precise):
+    """However precise it is: the curve goes through it, and the others say where else."""
+    model = models("gap")["cylinder"]
+    found = fit(model, *stiff(precise), absolute=True)
+    assert found.chi2 == pytest.approx(1.304, abs=1e-3)
+    assert found.values == pytest.approx([1.1967, 4.130e-3, 4.592e-3], rel=3e-4)
+    ends = intervals(found)
+    assert doubts(found, ends) == []
+    assert ends["polarisation"] == pytest.approx((1.1910, 1.2029), abs=2e-4)
+
+
+@pytest.mark.parametrize("precise", PRECISE)
+@pytest.mark.parametrize("polarisation", [1.19, 1.2])
+def test_nor_does_it_where_their_polarisation_is_known(polarisation, precise):
+    """Against the least over the radius alone, with the height of which the curve goes through it:
+    no amplitude is free that could be left out of the search."""
+    model, (d, force, sd) = models("gap")["cylinder"], stiff(precise)
+
+    def through(radius):
+        return brentq(lambda height: model.force(d[:1], polarisation, radius, height)[0] - force[0],
+                      1e-4, 0.1, xtol=1e-16, rtol=1e-14)
+
+    def chi2(radius):
+        miss = (model.force(d, polarisation, radius, through(radius)) - force) / sd
+        return np.sum(miss[1:] ** 2)
+
+    best = minimize_scalar(chi2, bounds=(3.8e-3, 4.6e-3), method="bounded",
+                           options={"xatol": 1e-11})
+    found = fit(model, d, force, sd, fixed={"polarisation": polarisation}, absolute=True)
+    assert found.chi2 == pytest.approx(best.fun, rel=1e-5)
+    assert found.values[1:] == pytest.approx([best.x, through(best.x)], rel=1e-4)
+    assert not any("limit" in doubt for doubt in doubts(found, {}))
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_a_search_that_ends_at_its_limit_is_told_of(monkeypatch, loss):
+    force = TRUE * (1 + 0.02 * np.random.default_rng(2).standard_normal(R.size))
+    assert not any("limit" in doubt for doubt in doubts(fit(LAW, R, force, loss=loss), {}))
+    monkeypatch.setattr(fitting, "LIMIT", 1)
+    said = doubts(fit(LAW, R, force, loss=loss), {})
+    assert said[0].startswith("the search ended at its limit of 1 evaluations")
+
+
+@pytest.mark.parametrize("top", [5e-3, 7e-3])
+@pytest.mark.parametrize(("name", "across", "height"), [
+    ("cylinder", 25e-3, 3e-3), ("cylinder", 40e-3, 2e-3), ("cylinder", 60e-3, 2e-3),
+    ("cuboid", 40e-3, 2e-3), ("cuboid", 60e-3, 2e-3)])
+def test_magnets_far_wider_than_the_points_go_are_found(name, across, height, top):
+    """Of a known polarisation no search from a small one leads to them.  The least chi^2 is below
+    that of the truth, which is 5.96."""
+    model, d = models("gap")[name], np.linspace(1e-3, top, 12)
+    force = model.force(d, 1.2, across, height)
+    sd = np.full(12, 0.01 * force[0])
+    noise = np.random.default_rng(0).standard_normal(12)
+    found = fit(model, d, force + sd * noise, sd, fixed={"polarisation": 1.2})
+    assert found.chi2 < np.sum(noise**2)
+
+
+def test_a_profile_of_a_known_polarisation_reaches_beyond_its_other_minimum():
+    """Cuboids of 10 mm that are slim fit, and flat ones of 13.5 mm; between them chi^2 passes."""
+    model, d = models("gap")["cuboid"], np.linspace(1e-3, 7e-3, 12)
+    force = model.force(d, 1.2, 10e-3, 20e-3)
+    sd = np.full(12, 0.01 * force[0])
+    found = fit(model, d, force + sd * np.random.default_rng(0).standard_normal(12), sd,
+                fixed={"polarisation": 1.2})
+    allowed = (found.quantile(0.95) * found.scale) ** 2
+    low, high = interval(found, "side")
+    assert [profile(found, "side", side) - found.chi2 < allowed
+            for side in (10e-3, 11.5e-3, 13.5e-3)] == [True, False, True]
+    assert low < found.values[1] < 11.5e-3 < 13.5e-3 < high
+    assert profile(found, "side", high) - found.chi2 == pytest.approx(allowed, rel=1e-3)
 
 
 def test_a_bound_without_an_end_is_none():

@@ -1050,7 +1050,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 0.5 * part_length, tiles, magnets, drive, drive_parameters, x, y, angle, turns_far,
                 loaded, work)
             counts.magnet_pairs[0] += work.magnets.size[0]
-            hardest, most = -1.0, all_ticks  # not asked for yet
+            hardest: float = -1.0  # not asked for yet
+            most: Any = all_ticks
             end = left - all_ticks // parts
             while left > end:
                 if further > 0:
