@@ -1070,7 +1070,8 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                     wanted = pace if others or last[2] > 0 else min(wanted, pace)
                 if hardest < 0.0 and rows.size[0] > 0:
                     hardest = strongest(k, floor, work, loaded)
-                    while k.driven > 1 and most > TICKS and hardest * (most * tick) ** 2 > SUDDEN * k.width:
+                    way = hardest * tick * tick if k.driven > 1 else 0.0  # in an eighth of h
+                    while most > TICKS and way * most * most > SUDDEN * k.width:
                         most = max(most >> 1, np.int64(TICKS))
                 # What has just hit is where it is to be only after the time that was foreseen.
                 ticks = min(promised, left - end)
