@@ -433,7 +433,7 @@ def summary(scene: Scene, simulation: Simulation, wall: float, begun: float = 0.
         + f", from {begun:g} to {simulation.time:g} s" * (begun > 0.0),
         f"assembly {number_of(found.size, 'tile')} and {found.total - found.size} of the seed, "
         f"{found.errors} wrong, {number_of(found.holes, 'hole')}, "
-        f"{number_of(int(found.row()['bonds_assembly']), 'bond')}",
+        f"{number_of(found.bonds_assembly, 'bond')}",
         f"deepest overlap {100 * counts.deepest[0] / width:.3g} % of the width; beyond 0.1 % in "
         f"{shares[2:].sum():.3g} % of the time, 0.5 % in {shares[3:].sum():.3g} %, "
         f"2 % in {shares[4]:.3g} %",

@@ -123,6 +123,11 @@ class Assembly:
         """Bonds of all tiles, those within the seed left out."""
         return len(self.bonded)
 
+    @property
+    def bonds_assembly(self) -> int:
+        """Those of the assembly, whose tiles are attached, or of the seed."""
+        return int((self.attached | self.seed)[self.bonded[:, 0]].sum())
+
     def percent(self, count: int) -> float:
         """A count in per cent of `size`; not a number while nothing is attached."""
         return 100.0 * count / self.size if self.size else float("nan")
@@ -133,7 +138,6 @@ class Assembly:
 
     def row(self) -> dict[str, float]:
         """The row of :func:`table`, without the time."""
-        member = self.attached | self.seed
         return {
             "size": self.size,
             "total": self.total,
@@ -149,7 +153,7 @@ class Assembly:
             "size_contact": int(self.touching.sum()),
             "largest_free_cluster": self.largest_free_cluster,
             "bonds": self.bonds,
-            "bonds_assembly": int(member[self.bonded[:, 0]].sum()),
+            "bonds_assembly": self.bonds_assembly,
             "directed": self.directed,
         }
 
