@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import (
     CHESSBOARD,
@@ -348,6 +348,8 @@ def cluster(rng, n):
 @settings(deadline=None, max_examples=80)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.floats(0.0, 1.0),
        st.sampled_from([0.0, 0.2, 0.7, 1.0]), st.booleans())
+# What was to hit first does not; what hits next got its place and direction.
+@example(4771, 5, 0.0, 0.0, False)
 def test_no_cluster_gains_energy_or_momentum_in_an_impact(seed, n, mu, e, tight):
     """Kinetic energy never rises and momentum is kept, also where the solver stops early."""
     solver = {"tolerance": 1e-10, "passes": 5000} if tight else {"tolerance": 3e-4, "passes": 8}

@@ -1171,6 +1171,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
         if row != known or points + size > 0:  # its tiles may go otherwise than they did
             how, meet = meeting(rows, row // WIDE, row % WIDE, k, v, z, x, y, angle, c, s, loads.h,
                                 queue.time[row])
+            known = row
         if how >= LATER or (hit < 0.0 and beside(rows, row, k, mobile, z)):
             fly_on(r, at, k.h)
             continue
