@@ -273,18 +273,15 @@ def part_all(rows: Rows, size: int, k: Numbers, v: Bodies, shift: Bodies, x: np.
 @inline
 def in_order(rows: Rows, size: int) -> None:
     """Put the list in the order of the blocks, if it is long."""
-    now, listed = rows.now, rows.changes
+    now, queued = rows.now, rows.queued
     if size < MANY_ROWS:
         return
-    places = U(WIDE * rows.first[COLOURS])
-    for q in range(places):
-        listed[q] = 0.0
     for j in range(size):
-        listed[now[j]] = 1.0
+        queued[now[j]] = 3  # those that are in no contact have 1, too
     m = U(0)
-    for q in range(places):
+    for q in range(U(WIDE * rows.first[COLOURS])):
         now[m] = q
-        m += U(listed[q] != 0.0)
+        m += U(queued[q] >> 1)
 
 
 @inline

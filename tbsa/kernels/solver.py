@@ -64,8 +64,9 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
             many, worst = sweep_rows(rows, k, v, p < PLAIN or p % 2 == 0, crew)
             if floor.law != 0:
                 sweep_floor(floor, k, c, s, v, crew)
+            ends = worst <= k.tolerance or p + 1 == k.passes  # then nobody asks for a list
             whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
-            size = 0 if whole else queue_changed(rows, k.n, floor.law, v, little)
+            size = 0 if whole or ends else queue_changed(rows, k.n, floor.law, v, little)
         else:
             rows.effort[1] += m - size
             size, worst = sweep_queue(rows, size, k, floor, c, s, v, little)
