@@ -33,6 +33,7 @@ from paper_runs.tables import DATA, Row, read
 from tbsa.errors import InputError
 from tbsa.model.records import write_atomically
 from tbsa.work.cli import code_of
+from tbsa.work.metrics import number_of
 
 NEEDED = ("run", "group", "scene", "seed", "duration", "fingerprint", "settings", "version",
           "status", "message")
@@ -235,7 +236,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                for row in read(arguments.source / "table.csv"))
     size = sum(path.stat().st_size for path in target.rglob("*") if path.is_file())
     print(f"{', '.join(map(str, written))}")
-    print(f"{sum(ended.values())} runs done, {len(ended) - sum(ended.values())} failed, "
+    print(f"{number_of(sum(ended.values()), 'run')} done, {len(ended) - sum(ended.values())} failed, "
           f"{size / 1e6:.2f} MB")
     if left:
         print(f"{left} more are done, but without a curve and a wall time yet: keep again later")

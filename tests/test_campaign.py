@@ -291,7 +291,7 @@ def test_there_are_many_malformed_campaigns():
 
 @pytest.mark.parametrize(("arguments", "words"), [
     (["--part", "3"], "--part: '3' must be I/N"), (["--part", "0/3"], "must be I/N"),
-    (["--part", "4/3"], "must be I/N, I from 1 to N"), (["--jobs", "0"], "must be at least 1"),
+    (["--part", "4/3"], "must be I/N, I from 1 to N"), (["--jobs", "0"], "at least 1"),
     (["--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"], "must be left out with --scheduler"),
     (["--scheduler", "nowhere:nothing"], "must be the address of a dask.distributed scheduler"),
     (["--out", "campaign.toml"], "is a file, not a folder"),
@@ -416,6 +416,23 @@ def test_the_curves_hold_every_record_of_every_run(here, whole):
     assert "wall" not in pd.read_csv(whole / "table.csv")
 
 
+def test_the_curves_of_a_run_do_not_depend_on_what_other_runs_have(here):
+    """Wrong colours of a set that is not directed are unknown; those of others stay integers."""
+    Path("one.toml").write_text(SCENE.replace('set = "chessboard"', """type = [
+        {name = "a", glues = [1, 1, -1, -1], colour = "red"},
+        {name = "b", glues = [1, 1, -1, -1], colour = "red"}]"""))
+    Path("either.toml").write_text(Path("one.toml").read_text().replace('"red"}]', '"blue"}]'))
+    groups = [f'[[group]]\nname = "{name}"\nscene = "{name}.toml"\n' for name in ("one", "either")]
+    for name, number in (("alone", 1), ("both", 2)):
+        Path(f"{name}.toml").write_text(
+            'seeds = [1]\nset = {"run.duration" = 1.0}\n' + "".join(groups[:number]))
+        done(f"{name}.toml", name)
+    assert "" in pd.read_csv("both/curves.csv", dtype=str, na_filter=False)["wrong_colour"].tolist()
+    rows = [[line.partition(",")[2] for line in Path(f"{name}/curves.csv").read_text().splitlines()]
+            for name in ("both", "alone")]
+    assert rows[0][:3] == rows[1]
+
+
 def test_the_fingerprint_does_not_depend_on_the_process_or_the_folder(here):
     """It is a hash of the scene's values as text; of a drive of one's own the bytes count."""
     Path("burst.py").write_text(BURST)
@@ -431,6 +448,13 @@ def test_the_fingerprint_does_not_depend_on_the_process_or_the_folder(here):
     assert found == {fingerprint(load("scene.toml"))}
     Path("burst.py").write_text(BURST.replace("<", "<="))
     assert fingerprint(load("scene.toml")) not in found
+
+
+@pytest.mark.parametrize("jobs", [0, -1, 1.5, float("nan"), True, "2"])
+def test_a_number_of_processes_is_a_whole_one(here, jobs):
+    with pytest.raises(InputError, match="jobs: .*must be a whole number and at least 1"):
+        campaign("campaign.toml", "out", jobs=jobs)
+    assert not Path("out").exists()
 
 
 def test_it_is_the_same_table_in_processes_and_in_threads(here, whole):

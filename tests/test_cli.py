@@ -351,6 +351,14 @@ def test_check_escapes_what_a_terminal_would_obey(here, capsys):
         capsys, here, "check", "scene.toml")
 
 
+def test_check_keeps_a_row_a_type(here, capsys):
+    """A line's end in a name or a colour is shown, and ends no line."""
+    out = checked(capsys, SCENE.replace('set = "chessboard"', """type = [
+        {name = "a\\nb", glues = [1, 1, -1, -1], colour = "red"},
+        {name = "c", glues = [1, 1, -1, -1], colour = "green\\n"}]"""))
+    assert [line.split()[0] for line in out.splitlines() if "-1 -1" in line] == ["a\\nb", "c"]
+
+
 def test_check_tells_what_the_drive_cannot_do(here, capsys):
     out = checked(capsys, SCENE.replace("force = 0.1", "force = 0.03").replace("3e-3", "0.0"))
     assert "it does not move a lone tile" in out

@@ -384,6 +384,31 @@ def test_a_sheet_has_a_panel_for_every_snapshot(tmp_path):
     assert width > height > 1000
 
 
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 7])
+def test_each_panel_of_a_sheet_can_be_read(number):
+    """It has numbers and a label where no other panel is, also above an empty place, and those of
+    neighbours stay apart."""
+    scene, *rest = record(scene_of())
+    figure = sheet(scene, [Snapshot(*rest, float(k)) for k in range(number)])
+    figure.draw_without_rendering()
+    panels = [ax for ax in figure.axes if ax.axison]
+    boxes = [ax.get_position() for ax in panels]
+    for ax, box in zip(panels, boxes, strict=True):
+        lowest = not any(abs(other.x0 - box.x0) < 0.01 and other.y0 < box.y0 for other in boxes)
+        assert bool(ax.get_xlabel()) == lowest
+        assert any(label.get_text() for label in ax.get_xticklabels()) == lowest
+    words = [label.get_window_extent() for ax in panels for label in ax.get_xticklabels()
+             if label.get_visible() and label.get_text()]
+    assert not any(a.overlaps(b) for k, a in enumerate(words) for b in words[:k])
+
+
+def test_the_panels_of_a_sheet_are_as_high_as_the_reactor():
+    scene, *rest = record(scene_of())
+    wide = replace(scene, reactor=Reactor("rectangle", width=0.8, height=0.2))
+    low, high = (sheet(each, [Snapshot(*rest)] * 2).get_size_inches()[1] for each in (wide, scene))
+    assert low < 0.6 * high
+
+
 def test_a_sheet_without_snapshots_is_refused(tmp_path):
     with pytest.raises(InputError, match="at least one snapshot"):
         sheet(scene_of(), [], tmp_path / "sheet.png")
@@ -404,6 +429,15 @@ def test_the_summary_plots_each_run_beside_its_snapshot(tmp_path):
     assert [line.get_label() for line in size.lines] == ["unicycle", "shaking"]
     assert [line.get_ydata()[-1] for line in size.lines] == [4.0, 8.0]
     assert len({line.get_linestyle() for line in errors.lines}) == 2  # told apart in grey print
+
+
+def test_curves_of_a_summary_do_not_look_alike():
+    rows = pd.DataFrame({name: np.arange(5.0) for name in (
+        "time", "size", "errors_percent", "holes_percent")})
+    size, *_ = summary_figure({f"run {k}": k * rows for k in range(16)}, {}).axes
+    assert len({(line.get_color(), line.get_linestyle()) for line in size.lines}) == 16
+    with pytest.raises(InputError, match="tables: 17 must be at most 16"):
+        summary_figure({f"run {k}": rows for k in range(17)}, {})
 
 
 @pytest.mark.parametrize("order", [1, -1])

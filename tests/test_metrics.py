@@ -464,6 +464,10 @@ def test_arrays_that_do_not_fit_are_refused():
         metrics.assembly(scene, layout, x, y[1:], angle)
     with pytest.raises(InputError, match=r"record\.angle.*finite"):
         metrics.size(scene, layout, x, y, angle * np.nan)
+    with pytest.raises(InputError, match=r"record\.x: .*must be from -3e\+07 to 3e\+07"):
+        metrics.assembly(scene, layout, x + 1e300, y, angle)
+    with pytest.raises(InputError, match=r"record\.angle: .*must be from -1e\+09 to 1e\+09"):
+        metrics.assembly(scene, layout, x, y, angle + 1e30)
     with pytest.raises(InputError, match="n = 8 tiles"):
         metrics.table(scene, layout, np.zeros(2), x[None], y[None], angle[None])
     with pytest.raises(InputError, match=r"record\.x: .*complex128.* array of numbers"):

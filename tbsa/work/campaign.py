@@ -49,6 +49,8 @@ from multiprocessing.connection import wait as wait_for
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from tbsa.errors import InputError
 from tbsa.model.layout import initial_layout
 from tbsa.model.records import (
@@ -130,8 +132,9 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise TypeError("executor must be a concurrent.futures.Executor, or have its submit, not "
                         + type(executor).__name__)
-    if jobs is not None and jobs < 1:
-        raise InputError("must be at least 1", field="jobs", value=jobs)
+    whole = isinstance(jobs, int | np.integer) and not isinstance(jobs, bool)
+    if jobs is not None and not (whole and jobs >= 1):
+        raise InputError("must be a whole number and at least 1", field="jobs", value=jobs)
     plan = read_plan(path)
     _check_places(out)
     elsewhere = done_in(without, plan) if without is not None else set()
@@ -738,14 +741,14 @@ def _write_tables(out: Path, plan: list[Planned], outcomes: Outcomes) -> pd.Data
             row |= {f"mean_{name}": _mean(frame[name]) for name in MEANS}
             row |= _counted(ended[0]["counts"], each.scene.material.width)
             frame.insert(0, "run", each.name)
-            curves.append(frame)
+            curves.append(frame.astype(object))
         rows.append(row)
         if info:
             walls.append({"run": each.name, "wall": info["wall"], "time": info["time"]})
     first = ["run", "group", "scene"]
     fields = list(dict.fromkeys(name for each in plan for name, _ in each.fields))
     names = list(dict.fromkeys(name for row in rows for name in row if name not in fields))
-    # As objects: an integer stays one, whether another run has the value or not.
+    # As objects (curves, too): an integer stays one, whether another run has the value or not.
     table = pd.DataFrame(rows, columns=[*first, *fields, *names[len(first):]], dtype=object)
     for name, frame in (
             ("table", table),

@@ -21,6 +21,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D, AffineDeltaTransform
 
 from tbsa.errors import InputError
@@ -54,6 +55,7 @@ OUTLINES = "#9a9a98", "#3c3c3c"  # of tiles outside the assembly, and of its own
 BOND = "#0a7d3b"
 ERROR = "#d62728"
 LINES = (("#0b5fa5", "-"), ("#d9730d", "--"), ("#5b8c2a", "-."), ("#8a4a9e", ":"))
+MOST = len(LINES) ** 2  # curves that can be told apart: each colour with each dash
 
 
 MARKS = {  # colour and shape in the legend of what is marked
@@ -174,13 +176,18 @@ def sheet(
         raise InputError("must have at least one snapshot", field="panels", value=list(panels))
     columns = min(len(panels), 3 if len(panels) in (3, 5, 6, 9) else 4)
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.6 * columns, 4.0 * rows + 0.4), layout="constrained")
+    tallest = max(aspect(scene, panel.x, panel.y) for panel in panels)
+    tall = (4.0 + 3.1 * (tallest - 1.0)) * rows + 0.4
+    figure = Figure(figsize=(3.6 * columns, tall), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).flat
     marked: dict[str, int] = {}
     truth = truth_of(scene)
     for k, panel in enumerate(panels):
         marked |= _panel(axes[k], scene, panel, glues, bonds, headings, metrics, truth)
-        axes[k].label_outer()
+        below, left = k + columns >= len(panels), k % columns == 0  # no other panel there
+        axes[k].tick_params(labelbottom=below, labelleft=left)
+        axes[k].set(xlabel="x (cm)" if below else "", ylabel="y (cm)" if left else "")
+        axes[k].xaxis.set_major_locator(MaxNLocator(5, prune="both"))  # the next one has its own
         axes[k].set_title(axes[k].get_title(), fontsize="medium")
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
@@ -208,7 +215,8 @@ def summary_figure(
     Raises
     ------
     InputError
-        As :func:`draw`; or there are no tables, or a snapshot of a run without a table.
+        As :func:`draw`; or there are no tables, more than `MOST`, or a snapshot of a run without a
+        table.
     """
     file = None if path is None else target(path)
     if not tables or not set(snapshots) <= set(tables):
@@ -217,6 +225,9 @@ def summary_figure(
             field="snapshots",
             value=list(snapshots),
         )
+    if len(tables) > MOST:
+        raise InputError(f"must be at most {MOST}, or curves look alike", field="tables",
+                         value=len(tables))
     figure = Figure(figsize=(11.0, 9.2 if snapshots else 3.4), layout="constrained")
     below: Figure | SubFigure = figure
     if snapshots:
@@ -229,7 +240,8 @@ def summary_figure(
         _legend(top, figure, marked, False, OUTSIDE)
     axes = below.subplots(1, 3)
     for k, (name, rows) in enumerate(tables.items()):
-        hue, dash = LINES[k % len(LINES)]
+        again, of = divmod(k, len(LINES))
+        hue, dash = LINES[of][0], LINES[(of + again) % len(LINES)][1]
         for ax, column in zip(axes, ("size", "errors_percent", "holes_percent"), strict=True):
             # Unclipped: a curve along zero would lose half its width to the axis.
             ax.plot(rows["time"], rows[column], color=hue, linestyle=dash, label=name,
@@ -241,7 +253,10 @@ def summary_figure(
         ax.set_ylim(bottom=0.0, top=max(ax.get_ylim()[1], 1.0))
         ax.grid(color="#d8d8d8", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
-    axes[0].legend(frameon=False)
+    if len(tables) <= len(LINES):
+        axes[0].legend(frameon=False)
+    else:
+        below.legend(*axes[0].get_legend_handles_labels(), ncols=4, **OUTSIDE)
     _settle(figure)
     if file is not None:
         _save(figure, file)
@@ -376,9 +391,9 @@ def _headings(
     ink: Floats,
     size: float,
 ) -> None:
-    """A triangle towards the forward edge of the given tiles."""
+    """A slim triangle towards the forward edge of the given tiles: its tip is not to be mistaken."""
     forward = EDGE_ANGLE[[EDGES.index(kind.forward) for kind in scene.types]][layout.type]
-    triangle = size * np.array([[0.22, 0.0], [-0.13, 0.18], [-0.13, -0.18]])
+    triangle = size * np.array([[0.26, 0.0], [-0.18, 0.13], [-0.18, -0.13]])
     heading = (angle + forward)[tiles]
     _stamp(ax, scene, triangle, x[tiles], y[tiles], heading, ink[tiles], name="headings")
 

@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tbsa.errors import InputError
-from tbsa.model.layout import Layout, check
+from tbsa.model.layout import TURNED, Layout, check
 from tbsa.model.scene import Scene
 from tbsa.model.squares import depth
 from tbsa.model.tiles import Growth, ground_truth, symmetry
@@ -60,6 +60,8 @@ TOUCHING = 0.02  # squares nearer than this are in contact, tile widths
 # half of what would make the nearest site ambiguous, and more than two bonds can explain.
 ON_SITE = 0.25  # largest distance of a tile on the lattice from its site, tile widths
 ON_TURN = 0.25  # largest angle of a tile on the lattice from a quarter turn, rad
+
+FARTHEST = 1e9  # places (tile widths) up to which they are known to 1e-7 of one
 
 EDGE_ANGLE = np.array([0.5 * np.pi, 0.0, -0.5 * np.pi, np.pi])  # outward normals N, E, S, W
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
@@ -348,6 +350,10 @@ def _record(
             )
         if not np.isfinite(each).all():
             raise InputError("must be finite numbers", field=f"record.{name}")
+        most = TURNED if name == "angle" else FARTHEST * scene.material.width
+        if (far := np.abs(each) > most).any():
+            raise InputError(f"must be from {-most:g} to {most:g}", field=f"record.{name}",
+                             value=each[far][0])
     return x, y, angle
 
 

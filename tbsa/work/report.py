@@ -59,7 +59,7 @@ def describe(scene: Scene) -> str:
         Where the random tiles do not fit.
     """
     layout = initial_layout(scene)
-    head = [line for line in (scene.title, scene.file) if line]
+    head = [printable(line) for line in (scene.title, scene.file) if line]
     parts = [
         ("tiles", _tiles(scene, layout)),
         ("reactor", _reactor(scene, layout)),
@@ -166,7 +166,7 @@ def _tiles(scene: Scene, layout: Layout) -> list[str]:
     for k, kind in enumerate(scene.types):
         mine = layout.type == k
         glues = " ".join(f"{glue:+d}" if glue else " 0" for glue in kind.glues)
-        rows.append((kind.name, glues, kind.colour, f"{kind.family:+d}" if kind.family else " 0",
+        rows.append((printable(kind.name), glues, printable(kind.colour), f"{kind.family:+d}" if kind.family else " 0",
                      kind.forward, int((mine & layout.seed).sum()),
                      int((mine & ~layout.seed).sum())))
     head = ("type", f"glues {edges}", "colour", "family", "forward", "seed", "beside it")
