@@ -236,8 +236,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                for row in read(arguments.source / "table.csv"))
     size = sum(path.stat().st_size for path in target.rglob("*") if path.is_file())
     print(f"{', '.join(map(str, written))}")
-    print(f"{number_of(sum(ended.values()), 'run')} done, {len(ended) - sum(ended.values())} failed, "
-          f"{size / 1e6:.2f} MB")
+    fine = sum(ended.values())
+    print(f"{number_of(fine, 'run')} done, {len(ended) - fine} failed, {size / 1e6:.2f} MB")
     if left:
         print(f"{left} more are done, but without a curve and a wall time yet: keep again later")
     return 0

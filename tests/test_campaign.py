@@ -452,7 +452,7 @@ def test_the_fingerprint_does_not_depend_on_the_process_or_the_folder(here):
 
 @pytest.mark.parametrize("jobs", [0, -1, 1.5, float("nan"), True, "2"])
 def test_a_number_of_processes_is_a_whole_one(here, jobs):
-    with pytest.raises(InputError, match="jobs: .*must be a whole number and at least 1"):
+    with pytest.raises(InputError, match=r"jobs: .*must be a whole number and at least 1"):
         campaign("campaign.toml", "out", jobs=jobs)
     assert not Path("out").exists()
 

@@ -391,7 +391,7 @@ def _headings(
     ink: Floats,
     size: float,
 ) -> None:
-    """A slim triangle towards the forward edge of the given tiles: its tip is not to be mistaken."""
+    """A triangle towards the forward edge of the given tiles, so slim that its tip is plain."""
     forward = EDGE_ANGLE[[EDGES.index(kind.forward) for kind in scene.types]][layout.type]
     triangle = size * np.array([[0.26, 0.0], [-0.18, 0.13], [-0.18, -0.13]])
     heading = (angle + forward)[tiles]

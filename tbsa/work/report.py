@@ -166,9 +166,9 @@ def _tiles(scene: Scene, layout: Layout) -> list[str]:
     for k, kind in enumerate(scene.types):
         mine = layout.type == k
         glues = " ".join(f"{glue:+d}" if glue else " 0" for glue in kind.glues)
-        rows.append((printable(kind.name), glues, printable(kind.colour), f"{kind.family:+d}" if kind.family else " 0",
-                     kind.forward, int((mine & layout.seed).sum()),
-                     int((mine & ~layout.seed).sum())))
+        rows.append((printable(kind.name), glues, printable(kind.colour),
+                     f"{kind.family:+d}" if kind.family else " 0", kind.forward,
+                     int((mine & layout.seed).sum()), int((mine & ~layout.seed).sum())))
     head = ("type", f"glues {edges}", "colour", "family", "forward", "seed", "beside it")
     body = scene.material
     return [
