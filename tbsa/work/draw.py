@@ -187,7 +187,7 @@ def sheet(
         below, left = k + columns >= len(panels), k % columns == 0  # no other panel there
         axes[k].tick_params(labelbottom=below, labelleft=left)
         axes[k].set(xlabel="x (cm)" if below else "", ylabel="y (cm)" if left else "")
-        axes[k].xaxis.set_major_locator(MaxNLocator(5, prune="both"))  # the next one has its own
+        axes[k].xaxis.set_major_locator(MaxNLocator(6, prune="both"))  # the next one has its own
         axes[k].set_title(axes[k].get_title(), fontsize="medium")
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
