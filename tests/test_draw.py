@@ -195,10 +195,10 @@ def test_a_triangle_points_to_the_forward_edge(picture, forward, dx, dy):
     lone = (PlacedTile("black", (-2 * W, 0.0)),)
     scene = scene_of(lone, (kind, CHESS[1]))
     seen, bare = picture(scene, metrics=False), picture(scene, metrics=False, headings=False)
-    shown = {side: seen.at(-2 * W + side * 0.15 * W * dx, side * 0.15 * W * dy)[0] > 0.5
+    shown = {side: seen.at(-2 * W + side * 0.18 * W * dx, side * 0.18 * W * dy)[0] > 0.5
              for side in (1, -1)}
     assert shown == {1: True, -1: False}
-    assert bare.at(-2 * W + 0.15 * W * dx, 0.15 * W * dy) == pytest.approx([0, 0, 0], abs=0.01)
+    assert bare.at(-2 * W + 0.18 * W * dx, 0.18 * W * dy) == pytest.approx([0, 0, 0], abs=0.01)
 
 
 def test_bonds_are_bars_across_bonded_edges_only(picture):

@@ -187,7 +187,7 @@ def sheet(
         below, left = k + columns >= len(panels), k % columns == 0  # no other panel there
         axes[k].tick_params(labelbottom=below, labelleft=left)
         axes[k].set(xlabel="x (cm)" if below else "", ylabel="y (cm)" if left else "")
-        axes[k].xaxis.set_major_locator(MaxNLocator(6, prune="both"))  # the next one has its own
+        axes[k].xaxis.set_major_locator(MaxNLocator(7, steps=(1, 2, 5, 10), prune="both"))
         axes[k].set_title(axes[k].get_title(), fontsize="medium")
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
@@ -393,7 +393,7 @@ def _headings(
 ) -> None:
     """A triangle towards the forward edge of the given tiles, so slim that its tip is plain."""
     forward = EDGE_ANGLE[[EDGES.index(kind.forward) for kind in scene.types]][layout.type]
-    triangle = size * np.array([[0.26, 0.0], [-0.18, 0.13], [-0.18, -0.13]])
+    triangle = size * np.array([[0.28, 0.0], [-0.16, 0.13], [-0.16, -0.13]])
     heading = (angle + forward)[tiles]
     _stamp(ax, scene, triangle, x[tiles], y[tiles], heading, ink[tiles], name="headings")
 
