@@ -227,6 +227,10 @@ class Work(NamedTuple):
     fx: np.ndarray
     fy: np.ndarray
     torque: np.ndarray
+    pullx: np.ndarray  # N, those of magnets alone
+    pully: np.ndarray
+    lagx: np.ndarray  # m s, how far the tiles have been, in this half, from its middle's places
+    lagy: np.ndarray
     magnets: MagnetPairs
     crew: Crew
 
@@ -236,8 +240,8 @@ def by_itself(w: Work) -> Work:
     """The same, with nobody to help."""
     return Work(w.pairs, w.rows, w.bodies, w.shift, w.scratch, w.c, w.s, w.turned, w.far, w.way,
                 w.x0, w.y0, w.angle0, w.pace, w.speed, w.need, w.turning, w.margin, w.midx, w.midy,
-                w.mid_angle, w.mid_c, w.mid_s, w.mid_turned, w.fx, w.fy, w.torque, w.magnets,
-                nobody(w.crew))
+                w.mid_angle, w.mid_c, w.mid_s, w.mid_turned, w.fx, w.fy, w.torque, w.pullx, w.pully,
+                w.lagx, w.lagy, w.magnets, nobody(w.crew))
 
 
 class Counts(NamedTuple):
@@ -325,6 +329,40 @@ def kick(k: Numbers, h: float, fx: np.ndarray, fy: np.ndarray, torque: np.ndarra
         w[i] += fi * torque[i] if free else 0.0
     for i in range(first, last if noted else first):
         kx[i], ky[i], kw[i] = vx[i], vy[i], w[i]
+
+
+@rolled
+def note_lag(k: Numbers, h: float, x: np.ndarray, y: np.ndarray, work: Work) -> None:
+    """Add up how far tiles are from where the forces of the half were found for, times h (m s)."""
+    midx, midy, lagx, lagy = work.midx, work.midy, work.lagx, work.lagy
+    for i in range(U(k.front), U(k.n)):
+        lagx[i] += h * (x[i] - midx[i])
+        lagy[i] += h * (y[i] - midy[i])
+
+
+@inline
+def balance(k: Numbers, work: Work) -> None:
+    """At the end of a half, take from spins what magnets have added to the angular momentum of what
+    hangs together, as their forces have acted from elsewhere than they were found for.
+
+    There the sum of x cross F and of torques is none.  What flies straight is there in the mean;
+    contacts and impacts bring tiles elsewhere, which share it by the square of their lag.
+    """
+    lagx, lagy, pullx, pully, island = (work.lagx, work.lagy, work.pullx, work.pully,
+                                        work.rows.island)
+    w, kicked, excess, weight = work.bodies.w, work.shift.w, work.bodies.change, work.shift.change
+    first, last = U(k.front), U(k.n)
+    for i in range(first, last):
+        excess[i] = lagx[i] * pully[i] - lagy[i] * pullx[i]
+        weight[i] = lagx[i] * lagx[i] + lagy[i] * lagy[i]
+    for i in range(first, last):
+        if island[i] != i:
+            excess[island[i]] += excess[i]
+            weight[island[i]] += weight[i]
+    for i in range(first, last):
+        lag2, of = lagx[i] * lagx[i] + lagy[i] * lagy[i], U(island[i])
+        w[i] -= k.ii * excess[of] * (lag2 / max(weight[of], 1e-300))
+        kicked[i] = w[i]
 
 
 @inline
@@ -687,6 +725,10 @@ def find_forces(t: float, k: Numbers, half: float, tiles: Tiles, law: MagnetLaw,
         add_magnet_forces(law, n, work.magnets, fx, fy, torque, crew)
         if turns_far:
             add_mean_forces(law, work.magnets, 2.0 * half, x, y, angle, v, fx, fy, torque)
+        copy(fx, work.pullx, n)
+        copy(fy, work.pully, n)
+        set_all(work.lagx, n, 0.0)
+        set_all(work.lagy, n, 0.0)
     if k.driven != 0:
         drive(t, parameters, whole(midx, n), whole(midy, n), whole(mid_angle, n), whole(vx, n),
               whole(vy, n), whole(w, n), whole(tiles.family, n), whole(tiles.forward, n),
@@ -880,13 +922,13 @@ def stays(k: Numbers, state: State, work: Work) -> bool:
 
 
 @lane  # or it is handed some hundred arguments, of a tile or two as well
-def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahead: float,
-            left: float, seen: bool, pull: float, slow: float, slow_spin: float, floor: FloorLaw,
-            state: State, work: Work, counts: Counts) -> float:
+def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ends: bool,
+            ahead: float, left: float, seen: bool, pull: float, slow: float, slow_spin: float,
+            floor: FloorLaw, state: State, work: Work, counts: Counts) -> float:
     """A substep of length kh.h, so many eighths of k.h, from whose `middle` (s from its beginning)
     a time `ahead` counts for what may touch; with `left` (s) of the step to go when it begins, and
     nothing sped up by more than `pull` (m/s^2).  `known`: there, angles are those of the middle of
-    the half.  `seen`: the tiles are looked at when it ends.
+    the half, which `ends` with it.  `seen`: the tiles are looked at when it ends.
 
     Damping leaves `slow` and `slow_spin` of velocities in half of it.  Returns the deepest overlap
     (m).
@@ -933,6 +975,10 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, ahe
     low, high = give(crew, KICK, k.front, n + 1, LEAST_TILES)
     kick(k, h, work.fx, work.fy, work.torque, v, before, m > 0 or floor.law != 0, low, high)
     collect(crew)
+    if m > 0 and work.magnets.size[0] > 0 and not (known and last[2] == 0):
+        note_lag(k, h, x, y, work)
+        if ends:
+            balance(k, work)
     live = m > 0 and (k.skip_converged == 0 or any_live(rows))
     last[0] = 0
     rows.effort[0] += 0 if live else m
@@ -1089,9 +1135,9 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
                 late = rows.size[LATE]
                 known = (left - end == all_ticks // parts and middle == 0.5 * part_length
                          and magnetic and work.magnets.size[0] > 0)
-                overlap = substep(k, kh, ticks, middle, known, ahead, left * tick,
-                                  step + 1 == steps and left == ticks, hardest, slow, slow_spin,
-                                  floor, state, work, counts)
+                overlap = substep(k, kh, ticks, middle, known, left - ticks == end, ahead,
+                                  left * tick, step + 1 == steps and left == ticks, hardest, slow,
+                                  slow_spin, floor, state, work, counts)
                 wanted = min(wanted, TICKS) if overlap > CALM * k.width else wanted
                 wanted >>= 1 if last[0] > FEW and wanted > TICKS else 0
                 left -= ticks

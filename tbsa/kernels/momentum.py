@@ -59,6 +59,10 @@ from tbsa.kernels.sweeps import (
 # Passes before the impulses have momentum, all of them forward, and passes at the limit that have
 # none any more: a solve that is broken off must not end on its way.
 PLAIN, LAST_PLAIN = 4, 4
+# Momentum ends where it has begun anew more often than this in a row without a pass that did less
+# than this part of the least one: friction above 0.9 may couple what it pulls to and fro, and
+# passes go on in a circle.
+OFTEN, NEARER = 4, 0.9
 # Impulses at the beginning of a pass, and at the end of the one before: fields that a solve has no
 # other use for.
 FROM0, FROM1, FROMT = WARM0, WARM1, WARMT
@@ -232,13 +236,13 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
     """Go on with `relax` where there is no floor friction: with momentum.
 
     It grows from pass to pass, and begins anew where it has gone too far, or where a pass did more
-    than the one before (the restarts of O'Donoghue and Candes 2015).  A solve has ended with a
-    pass after a plain one.
+    than the one before (the restarts of O'Donoghue and Candes 2015), until that is in vain
+    (`OFTEN`).  A solve has ended with a pass after a plain one.
     """
     now, queued = rows.now, rows.queued
     tolerance, little = k.tolerance, LITTLE * k.tolerance
     done, fresh = -1 - k.passes, YES
-    age, before, beta = ZERO, math.inf, 0.0
+    age, before, beta, vain, least = ZERO, math.inf, 0.0, ZERO, math.inf
     for j in range(size):
         set_past(rows.field, lane_of(now[j]))
     for p in range(PLAIN, k.passes):
@@ -258,6 +262,10 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
         settled = worst <= tolerance and beta == 0.0
         age = age + 1 if onward >= 0.0 and square <= before else ZERO
         before = square
+        if age == 0 and vain <= OFTEN:
+            vain = vain + 1 if square > NEARER * least else ZERO
+            least = min(least, square)
+        age = age if vain <= OFTEN else ZERO
         beta = age / (age + 3.0) if worst > tolerance and p + 1 + LAST_PLAIN < k.passes else 0.0
         fresh = beta == 0.0
         if whole and not fresh:

@@ -243,7 +243,7 @@ class Simulation:
 
     def _space(self) -> core.Work:
         n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
-        scratch = columns(n + 1, [float] * 22)
+        scratch = columns(n + 1, [float] * 26)
         rows = empty_rows(n, self._capacity[core.MORE_ROWS])
         magnetic = self.magnets.cutoff > 0.0
         return core.Work._make([
