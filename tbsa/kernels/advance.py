@@ -19,7 +19,8 @@ and the substeps of a half, of length h:
     damp    v *= exp(-h/2 c)
     rows    where they touch                                (contacts.py)
     impacts what hits in this substep, as fast as it then is (impacts.py)
-    kick    v += h F/m
+    kick    v += h F/m; at the end of a half what magnets have added to the angular momentum, as
+            contacts have brought tiles elsewhere than to the middle's places, is taken back
     solve   contacts and floor friction at the velocity level (solver.py)
     damp    v *= exp(-h/2 c)
     drift   x += h/2 v
