@@ -120,13 +120,19 @@ def test_version_and_help(capsys):
 
 def test_a_command_is_needed_and_its_options_are_of_their_kind(capsys):
     for arguments in ([], ["simulate"], ["run"], ["run", "a.toml", "--seed", "1.5"],
-                      ["fit", "a.csv", "--inset", "-1mm"]):
+                      ["fit", "a.csv", "--inset"]):
         with pytest.raises(SystemExit) as end:
             main(arguments)
         assert end.value.code == 2
         err = capsys.readouterr().err
         assert "error: " in err
         assert err.count("\n") == 1
+
+
+def test_a_length_below_zero_is_a_value(capsys):
+    """As -1 is; argparse alone takes it for an option."""
+    assert main(["fit", "a.csv", "--inset", "-1mm"]) == 2
+    assert capsys.readouterr().err == "tbsa: --inset: '-1mm' must be a length from 0 to 10 m\n"
 
 
 def test_the_installed_command_is_this_one():

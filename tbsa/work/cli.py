@@ -124,6 +124,11 @@ def _of_option(error: InputError, arguments: argparse.Namespace) -> str:
 class _OneLine(argparse.ArgumentParser):
     """Says what is wrong in one line, as everything else does; how it is used is in --help."""
 
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        # A value like -1mm is one, as -1 is: what is allowed tells whoever reads it.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
