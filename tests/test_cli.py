@@ -131,7 +131,8 @@ def test_a_command_is_needed_and_its_options_are_of_their_kind(capsys):
 
 def test_a_length_below_zero_is_a_value(capsys):
     """As -1 is; argparse alone takes it for an option."""
-    assert main(["fit", "a.csv", "--inset", "-1mm"]) == 2
+    points = str(ROOT / "paper_runs" / "ligo_40m_magnets.csv")
+    assert main(["fit", points, "--inset", "-1mm"]) == 2
     assert capsys.readouterr().err == "tbsa: --inset: '-1mm' must be a length from 0 to 10 m\n"
 
 
