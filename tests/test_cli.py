@@ -648,13 +648,25 @@ def test_a_layout_with_types_that_are_none_is_refused(run, here, capsys, kind):
             capsys, here, *command)
 
 
-@pytest.mark.parametrize("time", [np.nan, np.inf, 0.0, -1.0])
+@pytest.mark.parametrize("time", [np.nan, np.inf, 0.0, -1.0, 1e300])
 def test_records_whose_time_does_not_go_on_are_refused(run, here, capsys, time):
     data = np.load(run / "records.npy", mmap_mode="r+")
     data["time"][1] = time
     data.flush()
     assert "run/records.npy: time: is damaged: must go on from record to record" in refused(
         capsys, here, "metrics", "run")
+
+
+@pytest.mark.parametrize(("name", "number", "words"), [
+    ("x", np.nan, "record.x: nan must be finite numbers"),
+    ("y", 1e300, "record.y: 1e+300 must be from -3e+07 to 3e+07"),
+    ("angle", -np.inf, "record.angle: -inf must be finite numbers")])
+@pytest.mark.parametrize("command", ["metrics", "view", "movie"])
+def test_a_place_that_cannot_be_names_the_file(run, here, capsys, command, name, number, words):
+    data = np.load(run / "records.npy", mmap_mode="r+")
+    data[name][1, 3] = number
+    data.flush()
+    assert f"run/records.npy: {words}" in refused(capsys, here, command, "run")
 
 
 def test_a_checkpoint_of_another_seed_is_refused(run, here, capsys):

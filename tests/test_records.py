@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import errno
 import gc
 import json
@@ -779,6 +780,38 @@ def test_the_times_of_an_error_are_those_between_which_it_came(tmp_path, what, s
     assert (str(again), again.reason) == (str(caught.value), caught.value.reason)
 
 
+def test_a_simulation_is_not_copied(scene):
+    """A copy would share its arrays; other parts of a run are copied."""
+    s = Simulation(scene)
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="make another of its scene"):
+            copied(s)
+    for whole in (s.scene, s.layout):
+        assert pickle.dumps(copy.deepcopy(whole)) == pickle.dumps(whole)
+
+
+def test_times_are_numbers_of_any_kind(scene):
+    """Also of half the precision; the time that a call comes short by is kept as a float64."""
+    one, other = Simulation(scene), Simulation(scene)
+    one.run(0.5)
+    one.run(float(np.float32(0.1)))
+    other.run(np.float16(0.5))
+    other.run(np.float32(0.1))
+    assert other.steps == one.steps > 0
+    assert type(other._rest) is float
+    Simulation(replace(scene, drive=None), replace(one.layout, held=one.layout.x < 9.0)).run(
+        np.float16(1000.0))
+
+
+def test_what_is_no_scene_and_no_run_is_told(tmp_path):
+    for call in (tbsa.initial_layout, tbsa.dumps, tbsa.draw):
+        with pytest.raises(TypeError, match="scene must be a Scene, not str"):
+            call(*["a.toml", None, [], [], []][:5 if call is tbsa.draw else 1])
+    for call, name in ((tbsa.view, "a.html"), (tbsa.movie, "a.gif"), (tbsa.export, "a.gsd")):
+        with pytest.raises(TypeError, match=r"records must be Records, not \w+: tbsa\.read_run"):
+            call(tmp_path, tmp_path / name)
+
+
 def test_a_drive_has_exactly_its_parameters(tmp_path):
     source = DRIVE.replace("fx[i] += p[0] * family[i]", "fx[i] += p.size + p.sum()")
     for parameters, force in (([], 0.0), ([2.0], 3.0), ([1.0, 2.0], 5.0)):
@@ -840,7 +873,9 @@ def test_what_numba_cannot_compile_is_told_in_one_line_with_its_place(tmp_path, 
     ([f"{name}[0] += 1.0" for name in
       ("p", "x", "y", "angle", "vx", "vy", "omega", "family", "forward")], "write into"),
     (("x[:] = 0.0", "x += 1.0", "x.fill(0.0)", "x.sort()", "np.sin(x, x)", "write(p)",
-      "other = p; other[0] = 1.0", "other = x[1:]; other[0] = 1.0"), "write into")])
+      "other = p; other[0] = 1.0", "other = x[1:]; other[0] = 1.0"), "write into"),
+    (("vx.flat[6] = 1.0", "family.flat[0] = 5.0", "for a in np.nditer(x): a[()] = 1.0",
+      "np.dot(np.zeros((x.size, x.size)), x, vx)"), "use")])
 def test_a_drive_that_a_run_cannot_bear_is_refused_before_it_runs(tmp_path, lines, words):
     """What it wrote elsewhere would be in no checkpoint, and what prints would do so for ever."""
     helpers = ("import random\nimport numpy as np\nfrom numba import njit\n@njit\n"
@@ -864,7 +899,8 @@ def test_a_drive_that_goes_back_to_python_is_told_so(tmp_path):
 def test_a_drive_may_use_whole_arrays_and_helpers_of_its_own(tmp_path):
     source = ("import numpy as np\nfrom numba import njit\n@njit\ndef add(a, b):\n"
               "    a += b\n" + DRIVE + "    add(fx, p[0] * np.sin(x))\n")
-    for line in ("", "    fy[:] -= p[0] * y\n    torque += 1e-6 * np.hypot(vx, vy)\n"):
+    for line in ("", "    fy[:] -= p[0] * y\n    torque += 1e-6 * np.hypot(vx, vy)\n",
+                 "    fx.flat[2] = 0.1\n    fy += 1e-3 * np.dot(np.zeros((x.size, x.size)), x)\n"):
         Simulation(driven(tmp_path, source + line)).run(0.1)
 
 

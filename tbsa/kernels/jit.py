@@ -469,6 +469,15 @@ class _OfUser(CFunc):
         result = super()._compile_uncached()  # type: ignore[misc]
         result.library.finalize()  # or the place of its environment is not known
         result.library.codegen.set_env(result.fndesc.env_name, result.environment)
+        kinds, calls = result.type_annotation.typemap, result.type_annotation.calltypes
+        # Numba lets these write into what is read-only.
+        over = [array for kind in kinds.values() for array in (
+            [kind.array_type] if isinstance(kind, types.NumpyFlatType)
+            else kind.arrays if isinstance(kind, types.NumpyNdIterType) else ())]
+        dots = [signature.args for call, signature in calls.items() if getattr(call, "op", "")
+                == "call" and "function dot" in repr(kinds[call.func.name])]
+        self.writes = (any(not getattr(array, "mutable", True) for array in over)
+                       or any(len(arguments) == 3 for arguments in dots))
         return result
 
 
@@ -499,6 +508,9 @@ def callback(signature: Any, function: Callable[..., Any], guarded: Any) -> Any:
     except Exception:  # of many kinds and words, where it writes into what is read-only
         _OfUser(function, signature).compile()
         raise TypeError("it must not write into anything but fx, fy and torque") from None
+    if compiled.writes:
+        raise TypeError("it must not use .flat, np.nditer or a third argument of np.dot, which may "
+                        "write into anything, but for fx, fy and torque")
     code = compiled.inspect_llvm()
     if "PySys_FormatStdout" in code:
         raise TypeError("it must not print")

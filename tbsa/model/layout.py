@@ -138,6 +138,7 @@ def initial_layout(scene: Scene) -> Layout:
         When the random tiles do not fit: at once if their area exceeds the free area, else
         after `TRIALS` random positions.
     """
+    check_is_scene(scene)
     index = {tile_type.name: i for i, tile_type in enumerate(scene.types)}
     cells = scene.seed.cells if scene.seed else ()
     tiles = scene.free.tiles

@@ -38,6 +38,7 @@ from tbsa.errors import InputError
 from tbsa.kernels.advance import MORE_ROWS, State
 from tbsa.model.layout import Layout
 from tbsa.model.scene import (
+    LONGEST_RUN,
     Scene,
     check_is_scene,
     dumps,
@@ -102,6 +103,19 @@ class Records:
         if every < 1:
             raise InputError("must be at least 1", field="every", value=every)
         return range(first, last + 1, every)
+
+
+def check_is_run(records: object) -> None:
+    """They are the records of a run, and not the name of its folder.
+
+    Raises
+    ------
+    TypeError
+        Where they are not.
+    """
+    if not isinstance(records, Records):
+        raise TypeError(f"records must be Records, not {type(records).__name__}: tbsa.read_run "
+                        "reads them from a folder")
 
 
 @contextlib.contextmanager
@@ -441,9 +455,9 @@ def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
             not np.array_equal(data[name][0], getattr(layout, name)) for name in FIELDS):
         raise InputError("does not begin with this run's layout.npz: from another run",
                          file=str(path))
-    if not (np.diff(data["time"]) > 0.0).all() or not np.isfinite(data["time"][-1]):
-        raise InputError("is damaged: must go on from record to record", file=str(path),
-                         field="time")
+    if not (np.diff(data["time"]) > 0.0).all() or not data["time"][-1] <= LONGEST_RUN:
+        raise InputError("is damaged: must go on from record to record, to "
+                         f"{LONGEST_RUN:g} s at most", file=str(path), field="time")
     return data
 
 

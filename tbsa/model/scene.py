@@ -17,6 +17,7 @@ import difflib
 import hashlib
 import json
 import math
+import os
 import stat
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -299,6 +300,7 @@ _angle = _number(-2 * math.pi, 2 * math.pi, "rad")  # catches degrees
 _friction = _number(0, 10)
 _restitution = _number(0, 1)
 _length = _number(1e-5, 1e4, "m")
+LONGEST_RUN = 1e9  # s
 _force = _number(0, 1e6, "N")
 _any_force = _list(_number(-1e6, 1e6, "N"), 2, "two numbers [fx, fy] in N")
 _LARGEST_INTEGER = 2**63 - 1
@@ -382,7 +384,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "checkpoint": _number(0, 1e9, "s", above=True),
     },
     Run: {
-        "duration": _number(0, 1e9, "s", above=True),
+        "duration": _number(0, LONGEST_RUN, "s", above=True),
         "seed": _integer(0, _LARGEST_INTEGER),
     },
 }
@@ -806,7 +808,8 @@ def load(path: str | Path, *, seed: int | None = None, duration: float | None = 
     InputError
         When the file cannot be read, is not TOML, or holds a value that is not allowed.
     """
-    return of_run(parse(read_toml(path), str(path)), seed, duration)
+    path = os.fsdecode(path)
+    return of_run(parse(read_toml(path), path), seed, duration)
 
 
 def of_run(scene: Scene, seed: int | None, duration: float | None) -> Scene:
@@ -896,6 +899,7 @@ def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
 
 def dumps(scene: Scene) -> str:
     """The scene as complete TOML; `parse` gives the same scene again, apart from `file`."""
+    check_is_scene(scene)
     lines = [f"title = {_toml(scene.title)}", f"temperature = {_toml(scene.temperature)}"]
     parts = list(_parts(scene))
     if scene.free.counts:  # before the array of tables that belongs to it

@@ -14,7 +14,7 @@ import threading
 import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Never, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,6 +241,11 @@ class Simulation:
         self._ended = ""  # why it cannot go on
         self._rest = 0.0  # s, by which calls of `run` have come short
 
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Never:
+        """A copy would share its arrays with this one, and not its count of steps."""
+        raise TypeError("a Simulation cannot be copied or pickled: make another of its scene, with "
+                        "a layout of where its tiles are")
+
     def _space(self) -> core.Work:
         n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
         scratch = columns(n + 1, [float] * 26)
@@ -383,6 +388,8 @@ class Simulation:
             Where the time is negative or not finite; and what :meth:`advance` raises.
         """
         # Whole numbers may be beyond all floats, and so may a number of steps.
+        with contextlib.suppress(OverflowError):
+            seconds = float(seconds)
         if not 0.0 <= seconds <= 0.5 * self.h * sys.float_info.max:
             raise InputError("must be a number from 0 s", field="seconds", value=seconds)
         steps = round((seconds + self._rest) / self.h)

@@ -115,6 +115,8 @@ def code_of(command: Callable[[], int]) -> int:
 def _of_option(error: InputError, arguments: argparse.Namespace) -> str:
     """What is wrong, with the option's name in place of that of the argument in Python."""
     name = {"path": "out"}.get(error.field or "", error.field or "")
+    if name.startswith("record.") and hasattr(arguments, "run"):
+        return f"{arguments.run / 'records.npy'}: {error}"
     if error.file or not hasattr(arguments, name):
         return str(error)
     option = {"begin": "from", "end": "to"}.get(name, name)

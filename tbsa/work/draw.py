@@ -27,7 +27,7 @@ from matplotlib.transforms import Affine2D, AffineDeltaTransform
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout
 from tbsa.model.records import check_may_be_written, write_atomically
-from tbsa.model.scene import EDGES, Scene
+from tbsa.model.scene import EDGES, Scene, check_is_scene
 from tbsa.model.squares import lattice
 from tbsa.model.tiles import Growth
 from tbsa.work.metrics import (
@@ -127,6 +127,7 @@ def draw(
     InputError
         A colour that matplotlib does not know, a path of another ending or in no folder.
     """
+    check_is_scene(scene)
     file = None if path is None else target(path)
     tall = 7.3 + 5.9 * (aspect(scene, x, y) - 1.0)
     own = Figure(figsize=(7.0, tall), layout="constrained") if ax is None else None

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tbsa.errors import InputError
-from tbsa.model.records import Records, replacing
+from tbsa.model.records import Records, check_is_run, replacing
 from tbsa.model.tiles import Growth
 from tbsa.work.draw import target
 from tbsa.work.metrics import assembly, truth_of
@@ -40,6 +40,7 @@ def export(records: Records, path: str | Path) -> None:
     InputError
         Where the package gsd is missing, or the path cannot be written.
     """
+    check_is_run(records)
     path = target(path, (".gsd",))
     try:
         hoomd: Any = import_module("gsd.hoomd")

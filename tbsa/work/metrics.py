@@ -349,11 +349,12 @@ def _record(
                 value=each.shape,
             )
         if not np.isfinite(each).all():
-            raise InputError("must be finite numbers", field=f"record.{name}")
+            raise InputError("must be finite numbers", field=f"record.{name}",
+                             value=float(each[~np.isfinite(each)][0]))
         most = TURNED if name == "angle" else FARTHEST * scene.material.width
         if (far := np.abs(each) > most).any():
             raise InputError(f"must be from {-most:g} to {most:g}", field=f"record.{name}",
-                             value=each[far][0])
+                             value=float(each[far][0]))
     return x, y, angle
 
 

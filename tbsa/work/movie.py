@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tbsa.errors import InputError
-from tbsa.model.records import Records, replacing, write_atomically
+from tbsa.model.records import Records, check_is_run, replacing, write_atomically
 from tbsa.model.scene import Scene
 from tbsa.work.draw import aspect, draw, frame, palette, target
 from tbsa.work.metrics import Floats, truth_of
@@ -79,6 +79,7 @@ def movie(
     RuntimeError
         Where ffmpeg fails, with what it said.
     """
+    check_is_run(records)
     path = target(path, FORMATS)
     ffmpeg = _ffmpeg(path) if path.suffix.lower() == ".mp4" else ""
     which = records.chosen(begin, end, every)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
-from tbsa.model.records import Records, write_atomically
+from tbsa.model.records import Records, check_is_run, write_atomically
 from tbsa.model.scene import EDGES
 from tbsa.model.squares import lattice
 from tbsa.work import draw as pictures
@@ -51,6 +51,7 @@ def view(records: Records, path: str | Path, *, begin: float | None = None,
     InputError
         As :func:`tbsa.work.movie.movie`.
     """
+    check_is_run(records)
     path = target(path, (".html",))
     which = records.chosen(begin, end, every)
     page = files("tbsa.work").joinpath("viewer.html").read_text(encoding="utf-8")
@@ -66,13 +67,13 @@ def _data(records: Records, which: Sequence[int]) -> dict[str, Any]:
     """What the page shows, as `viewer.html` takes it (SI units)."""
     scene, layout, wall = records.scene, records.layout, records.scene.reactor
     x, y, angle = (np.asarray(each[list(which)]) for each in (records.x, records.y, records.angle))
+    truth = truth_of(scene)
+    found = [assembly(scene, layout, x[k], y[k], angle[k], truth) for k in range(len(which))]
     low, high = (np.array(side) / CM for side in pictures.extent(scene, x, y))
     span = float(max(high - low))
     turn = np.floor(angle * (65536 / (2.0 * np.pi)) + 0.5)
     poses = np.stack([np.rint((x - low[0]) / span * 65535).clip(0, 65535),
                       np.rint((y - low[1]) / span * 65535).clip(0, 65535), turn % 65536], axis=-1)
-    truth = truth_of(scene)
-    found = [assembly(scene, layout, x[k], y[k], angle[k], truth) for k in range(len(which))]
     error, turned, off, outside = (bit for bit, _ in MARK_BITS.values())
     states = np.array([
         ATTACHED * each.attached + SEED * each.seed + error * each.erroneous
