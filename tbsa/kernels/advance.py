@@ -976,9 +976,9 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
     low, high = give(crew, KICK, k.front, n + 1, LEAST_TILES)
     kick(k, h, work.fx, work.fy, work.torque, v, before, m > 0 or floor.law != 0, low, high)
     collect(crew)
-    if m > 0 and work.magnets.size[0] > 0 and not (known and last[2] == 0):
-        note_lag(k, h, x, y, work)
-        if ends:
+    if work.magnets.size[0] > 0 and not (known and last[2] == 0):
+        note_lag(k, h, x, y, work)  # of the whole half, though rows may come in its middle
+        if ends and m > 0:
             balance(k, work)
     live = m > 0 and (k.skip_converged == 0 or any_live(rows))
     last[0] = 0

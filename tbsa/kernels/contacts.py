@@ -390,9 +390,9 @@ def weigh(r: np.ndarray, at: int, h: float, per_mass: float, threshold: float, t
     r[at + WANT1] = NEVER if none else want(per_h * gap1, bend1)
     vt = (nx * (r[at + BY] - r[at + AY]) - ny * (r[at + BX] - r[at + AX])
           + tb * wb - ta * wa)
-    # Of two points one that bears alone: what lies flat on another does not swing on it,
+    # Of two points one that bears alone.  What lies flat on another does not swing on it, but turns
+    # with it as one: along chords they slide by (spin h)^3 / 6 of their distance.
     swings = one | (two & ((r[at + WARM0] > 0.0) != (r[at + WARM1] > 0.0)))
-    # but turns with it as one: along chords they slide by (spin h)^3 / 6 of their distance.
     spin = max(min(wa, wb), 0.0) + min(max(wa, wb), 0.0)
     slides = spin * spin * spin * h * h * (ta - tb) * (1.0 / 6.0)
     r[at + WANTT] = mirrored(h * r[at + WANTT], vt) if swings else slides if two else 0.0
