@@ -218,6 +218,71 @@ def test_two_processes_that_start_cold_at_the_same_time(tmp_path, warm):
     assert not [path for path in tmp_path.rglob("*") if ".tmp." in path.name]
 
 
+# Ctrl-C while LLVM is at work.
+
+LONE = ('[tiles]\nset = "chessboard"\n[[free.tile]]\ntype = "black"\nposition = [0, 0]\n'
+         "[run]\nduration = 1\n")
+RUN = 'print(tbsa.work.cli.main(["run", "scene.toml", "--out", "run", "--quiet"]))'
+# One Ctrl-C as soon as LLVM calls back for what is kept, where Python drops what is raised.
+IN_CALLBACK = f"""
+import signal, sys
+import tbsa.work.cli
+
+def trace(frame, what, _):
+    if frame.f_code.co_name == {{name!r}} and what == "call":
+        sys.settrace(None)
+        signal.raise_signal(signal.SIGINT)
+    return trace
+
+sys.settrace(trace)
+{RUN}
+"""
+# One at the start of the fiftieth helper, and which one was the last.
+IN_COMPILATION = f"""
+import signal, sys
+import tbsa.work.cli
+from tbsa.kernels import jit
+seen, begin, before = [], jit._PartCompiler.define_pipelines, signal.getsignal(signal.SIGINT)
+
+def begins(self):
+    seen.append(self)
+    if len(seen) == 50:
+        signal.raise_signal(signal.SIGINT)
+    return begin(self)
+
+jit._PartCompiler.define_pipelines = begins
+{RUN}
+print(len(seen), signal.getsignal(signal.SIGINT) is before)
+"""
+
+
+def ended(process):
+    """What it prints, and on stderr; it has not crashed."""
+    out, err = process.communicate(timeout=600)
+    assert process.returncode == 0, err[-3000:]
+    return out, err
+
+
+@pytest.mark.parametrize("name", ["_raw_object_cache_getbuffer", "_raw_object_cache_notify"])
+def test_ctrl_c_while_kernels_are_read_neither_crashes_nor_is_lost(tmp_path, name):
+    (tmp_path / "scene.toml").write_text(LONE)
+    place = {"PYTHONPATH": str(ROOT)}
+    ended(start(f"import tbsa.work.cli\n{RUN}", tmp_path, **place))  # they are there now
+    shutil.rmtree(tmp_path / "run")
+    code, err = ended(start(IN_CALLBACK.format(name=name), tmp_path, **place))
+    assert code == "130\n"
+    assert "Traceback" not in err
+    assert "ignored" not in err
+
+
+def test_ctrl_c_while_kernels_are_compiled_does_not_wait_for_the_last(tmp_path):
+    (tmp_path / "scene.toml").write_text(LONE)
+    out, err = ended(start(IN_COMPILATION, tmp_path, PYTHONPATH=str(ROOT),
+                           TBSA_CACHE_DIR=str(tmp_path / "cache")))
+    assert out == "130\n50 True\n"
+    assert "broken off; go on from the last checkpoint" in err
+
+
 DAMAGE = {
     "cut off": lambda data: data[: len(data) // 2],
     "of length zero": lambda data: b"",

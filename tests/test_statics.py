@@ -649,3 +649,18 @@ def test_sites_between_those_of_the_lattice_are_refused():
 def test_a_tolerance_that_no_search_ends_at_is_refused(tolerance):
     with pytest.raises(ValueError, match="the tolerance must be at least 0"):
         Statics(block(2), SIMULATOR, mating=True, tolerance=tolerance)
+
+
+def test_the_numbers_of_rigid_bodies_are_names_only():
+    """-1 is as good as any, though what is held is one body, too."""
+    tiles = block(2)
+    load = uniform(tiles, 1.0, 0.0)
+
+    def borne(numbers):
+        return Statics(tiles, PAPER, mating=True, rigid=numbers).rest(load).factor
+
+    assert [borne(np.full(len(tiles.site), number)) for number in (-1, -2, 7)] == [
+        borne(np.zeros(len(tiles.site), np.int64))] * 3
+    for wrong in (np.full(len(tiles.site), 0.5), [0], np.full(len(tiles.site), np.nan)):
+        with pytest.raises(ValueError, match="rigid must be a whole number for each"):
+            borne(wrong)

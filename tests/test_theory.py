@@ -11,7 +11,18 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from tbsa.kernels.routh import routh as kernel_routh
-from theory import floor, impact, magnets, motion
+from theory import (
+    fit,
+    floor,
+    impact,
+    magnets,
+    motion,
+    permanent,
+    rotation,
+    scaling,
+    snap,
+    stability,
+)
 
 # Motion.
 
@@ -249,10 +260,51 @@ def test_a_frequency_below_zero_is_refused_and_at_zero_nothing_is_driven():
 @pytest.mark.parametrize(("name", "value", "allowed"), [
     ("force", math.nan, "a number"), ("torque", math.inf, "a number"), ("mass", 0.0, "positive"),
     ("friction_force", -0.1, "at least 0"), ("friction_torque", math.nan, "at least 0"),
-    ("linear_damping", math.nan, "at least 0")])
+    ("linear_damping", math.nan, "at least 0"), ("family", math.nan, "a number")])
 def test_a_driven_tile_of_what_is_no_number_is_refused(name, value, allowed):
     with pytest.raises(ValueError, match=f"{name} must be {allowed} and finite, not {value}"):
         motion.driven_tile([1.0], **{**TILE, name: value})
+
+
+@pytest.mark.parametrize("start", [(0, 0, math.nan, 0, 0, 0), (0, 0, 0), (0,) * 7])
+def test_a_driven_tile_starts_from_six_numbers(start):
+    with pytest.raises(ValueError, match="start must be six finite numbers"):
+        motion.driven_tile([1.0], **TILE, start=start)
+
+
+def test_a_stop_in_what_all_but_only_damps():
+    assert motion.sliding_stop(1.0, 1e-160, 0.8)[1] == pytest.approx(1.0 / 0.8, rel=1e-12)
+
+
+LAW = magnets.Law(cutoff=0.03, switch=0.1)
+QUADRANT = next(each for each in scaling.READINGS if each.name == "quadrant")
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: scaling.critical_load(math.nan, 2, 0.2), "angle must be finite"),
+    (lambda: scaling.slip_onset(math.inf, 2, 0.2), "angle must be finite"),
+    (lambda: scaling.bound_all_pairs(QUADRANT, math.nan, 0.25, 0.0, LAW), "must be numbers"),
+    (lambda: scaling.report(0.07, mu=math.nan), "must be numbers"),
+    (lambda: permanent.coaxial_cylinders(0.01, 0.005, math.inf), "positive and finite"),
+    (lambda: permanent.coaxial_cuboids(math.inf, 0.005, 0.003), "must be finite"),
+    (lambda: permanent.parallel_cuboids([0, 0, math.nan], [1e-3] * 3, [1e-3] * 3),
+     "must be finite"),
+    (lambda: snap.meet([[0, 0, 0], [0.034, 0, 0]], np.zeros((2, 3)),
+                       [snap.Body(0.016, 2.4e-6, -0.1)] * 2, [(1, 2, 1, 2)] * 2, LAW),
+     "friction_force must be at least 0"),
+    (lambda: snap.meet([[0, 0, 0], [0.034, 0, 0]], np.zeros((2, 3)),
+                       [snap.Body(0.0, 2.4e-6)] * 2, [(1, 2, 1, 2)] * 2, LAW),
+     "mass must be positive"),
+    (lambda: rotation.wall_slide(0.6, 0.03, 0.016, math.nan), "mu must be at least 0"),
+    (lambda: rotation.wall_slide(0.6, -0.03, 0.016, 0.25), "width must be positive"),
+    (lambda: rotation.rocking_fall(0.1, -1.0, 0.03, 0.3), "mass must be positive"),
+    (lambda: rotation.rocking_impact(-1.0, 0.016, 0.03, 0.1), "spin must be positive"),
+    (lambda: stability.half_turn_holds(1.5, 0.2, 0.1), "n must be whole"),
+    (lambda: stability.half_turn_holds(2, math.inf, math.inf), "n must be whole"),
+    (lambda: fit.runs_test([math.nan, 1.0, -1.0]), "must be numbers")])
+def test_what_no_number_comes_of_is_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
 
 
 def test_driven_tile_leaves_rest_along_the_force():

@@ -817,8 +817,15 @@ def runs_test(residuals: ArrayLike) -> Runs:
     left out.  `residuals` are in the order of the distances.  Those of a fit change sign more often
     than independent ones, as the curve goes through the points: of them the test is conservative,
     few runs being rarer than `p_value` says.
+
+    Raises
+    ------
+    ValueError
+        Where one is no number.
     """
     signs = np.sign(np.asarray(residuals, float))
+    if np.isnan(signs).any():
+        raise ValueError("residuals must be numbers")
     signs = signs[signs != 0]
     a, b = int(np.sum(signs > 0)), int(np.sum(signs < 0))
     if a == 0 or b == 0:

@@ -90,7 +90,7 @@ def _stop(v0: float, deceleration: float, damping: float) -> tuple[float, float]
     x = damping * v0 / deceleration
     time = math.log1p(x) / x if x > 0.0 else 1.0
     if x > 0.05:
-        distance = (x - math.log1p(x)) / (x * x)
+        distance = (1.0 - math.log1p(x) / x) / x
     else:
         distance = sum((-x) ** k / (k + 2) for k in range(14))
     return time * v0 / deceleration, distance * v0 * v0 / deceleration
@@ -337,7 +337,9 @@ def driven_tile(times: ArrayLike, *, mass: float, inertia: float, force: float, 
            at_least_0={"frequency": frequency, "friction_force": friction_force,
                        "friction_torque": friction_torque, "linear_damping": linear_damping,
                        "angular_damping": angular_damping},
-           finite={"force": force, "torque": torque, "forward": forward})
+           finite={"force": force, "torque": torque, "forward": forward, "family": family})
+    if np.shape(start) != (6,) or not np.isfinite(start).all():
+        raise ValueError(f"start must be six finite numbers, not {start}")
     last = float(instants[-1]) if instants.size else 0.0
     rate = 2.0 * math.pi * frequency
     load, bound = family * force / mass, friction_force / mass

@@ -58,10 +58,13 @@ def coaxial_cylinders(distance: ArrayLike, radius: float, height: float | tuple[
     Raises
     ------
     ValueError
-        Where the cylinders would overlap, a radius that is not positive, or a negative height.
+        Where the cylinders would overlap, a radius that is not positive, a negative height, or
+        an infinite one.
     """
-    if not radius > 0.0 or not np.all(np.asarray(height, float) >= 0.0):
-        raise ValueError(f"radius and height must be positive, not {radius} and {height} m")
+    heights = np.asarray(height, float)
+    if not 0.0 < radius < np.inf or not np.all((heights >= 0.0) & (heights < np.inf)):
+        raise ValueError(f"radius and height must be positive and finite, not {radius} and "
+                         f"{height} m")
     h = np.broadcast_to(np.asarray(height, float), 2)
     gap = np.asarray(distance, float) - h.mean()
     if np.any(gap < -1e-12 * h.mean()):
@@ -94,7 +97,7 @@ def parallel_cuboids(distance: ArrayLike, size_a: ArrayLike, size_b: ArrayLike,
     Raises
     ------
     ValueError
-        Where the cuboids would overlap, or an edge is negative.
+        Where the cuboids would overlap, an edge is negative, or what is not finite.
 
     Notes
     -----
@@ -104,6 +107,8 @@ def parallel_cuboids(distance: ArrayLike, size_a: ArrayLike, size_b: ArrayLike,
     half_a, half_b = 0.5 * np.asarray(size_a, float), 0.5 * np.asarray(size_b, float)
     if not (np.all(half_a >= 0.0) and np.all(half_b >= 0.0)):
         raise ValueError("edges must be at least 0")
+    if not (np.isfinite(d).all() and np.isfinite(half_a).all() and np.isfinite(half_b).all()):
+        raise ValueError("distance and edges must be finite")
     if np.any(np.all(np.abs(d) < (1.0 - 1e-12) * (half_a + half_b), axis=-1)):
         raise ValueError("cuboids must not overlap: along one axis their centres must be at least "
                          "the mean of their edges apart")
@@ -143,11 +148,14 @@ def coaxial_cuboids(distance: ArrayLike, side: float, height: float,
     Raises
     ------
     ValueError
-        Where the cuboids would overlap, a side that is not positive, or a negative height.
+        Where the cuboids would overlap, a side that is not positive, a negative height, or what
+        is not finite.
     """
-    if not side > 0.0 or not height >= 0.0:
-        raise ValueError(f"side and height must be positive, not {side} and {height} m")
+    if not 0.0 < side < np.inf or not 0.0 <= height < np.inf:
+        raise ValueError(f"side and height must be positive and finite, not {side} and {height} m")
     d = np.asarray(distance, float)[..., None]
+    if not np.isfinite(d).all():
+        raise ValueError("distance must be finite")
     if np.any(d < (1.0 - 1e-12) * height):
         raise ValueError(f"distance must be at least the height, {height:g} m")
     # The sums over the places (0, 0), (0, side) and (side, side) across the axis.

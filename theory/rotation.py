@@ -8,6 +8,7 @@ from typing import NamedTuple
 from scipy.integrate import quad
 
 from theory.impact import inverse_inertia, routh
+from theory.motion import demand
 
 
 class WallSlide(NamedTuple):
@@ -60,8 +61,9 @@ def wall_slide(radius: float, width: float, mass: float, mu: float) -> WallSlide
     ------
     ValueError
         The circle is narrower than the square; or a corner would have to pull: the motion is
-        another one.
+        another one.  A width or mass that is not positive, or a friction below 0.
     """
+    demand({"width": width, "mass": mass}, at_least_0={"mu": mu}, finite={})
     d = seat(radius, width)
     cos, sin = (d + 0.5 * width) / radius, 0.5 * width / radius
     share = mass * d * radius / (mass * width * width / 6.0 + mass * d * d)
@@ -120,8 +122,10 @@ def rocking_fall(load: float, mass: float, width: float, tilt: float) -> Fall:
     Raises
     ------
     ValueError
-        A load that lifts, or a tilt from which it does not fall.
+        A load that lifts, or a tilt from which it does not fall; a mass or width that is not
+        positive.
     """
+    demand({"mass": mass, "width": width}, at_least_0={}, finite={})
     if not 0.0 <= load < math.inf:
         raise ValueError(f"the load must be finite and at least 0, not {load} N")
     if not 0.0 <= tilt < 0.25 * math.pi:
@@ -158,7 +162,13 @@ def rocking_impact(spin: float, mass: float, width: float, mu: float) -> Rock:
     Below 1/3 Routh's impulse at the new corner would press the old one into the ground, and both
     are hit: with P = m omega w/2 in sum and P1 - P2 = m w omega (1/3 + mu/2) the tile ends flat
     and slides on at (1 - mu) omega w/2.
+
+    Raises
+    ------
+    ValueError
+        A spin, mass or width that is not positive, or a friction below 0.
     """
+    demand({"spin": spin, "mass": mass, "width": width}, at_least_0={"mu": mu}, finite={})
     # Counter-clockwise about the right corner; the left one lands.  The normal points up and
     # the tangent, a quarter turn on, to the left.
     inertia, half = mass * width * width / 6.0, 0.5 * width

@@ -78,8 +78,10 @@ def critical_load(angle: float, n: float, bond: float, mu: float = 0.0,
     Raises
     ------
     ValueError
-        A size that is not positive, a bond or friction below 0, or mu from 1 on.
+        A size that is not positive, a bond or friction below 0, mu from 1 on, or an angle that is
+        not finite.
     """
+    _check_angle(angle)
     if not n > 0.0 or not bond >= 0.0 or not floor >= 0.0:
         raise ValueError(f"the size must be positive, bond and floor at least 0, not {n}, "
                          f"{bond} N and {floor} N")
@@ -98,6 +100,11 @@ def critical_load(angle: float, n: float, bond: float, mu: float = 0.0,
                for psi, cos in ends)
 
 
+def _check_angle(angle: float) -> None:
+    if not math.isfinite(angle):
+        raise ValueError(f"the angle must be finite, not {angle} rad")
+
+
 def slip_onset(angle: float, n: float, bond: float, mu: float = 0.0, floor: float = 0.0) -> float:
     """The least load at which a block can begin to slip (N): the smaller of the admissible modes.
 
@@ -113,8 +120,9 @@ def slip_onset(angle: float, n: float, bond: float, mu: float = 0.0, floor: floa
     Raises
     ------
     ValueError
-        A size that is not positive, a bond or friction below 0.
+        A size that is not positive, a bond or friction below 0, or an angle that is not finite.
     """
+    _check_angle(angle)
     if not n > 0.0 or not bond >= 0.0 or not floor >= 0.0 or not mu >= 0.0:
         raise ValueError(f"the size must be positive, bond, mu and floor at least 0, not {n}, "
                          f"{bond} N, {mu} and {floor} N")
@@ -158,7 +166,7 @@ class Reading(NamedTuple):
 
 def _per(pull: float, load: float) -> float:
     """The size at which the load is that of the pull; without a load there is none."""
-    return pull / load if load > 0.0 else math.inf
+    return pull / load if not load <= 0.0 else math.inf  # what is no number stays none
 
 
 READINGS: tuple[Reading, ...] = (
@@ -247,8 +255,10 @@ def bound_all_pairs(reading: Reading, load: float, mu: float, floor: float, law:
     Raises
     ------
     ValueError
-        As of :func:`seed_bond`.
+        As of :func:`seed_bond`; or what is no number.
     """
+    if math.isnan(load + mu + floor):
+        raise ValueError(f"load, mu and floor must be numbers, not {load} N, {mu} and {floor} N")
     pulls = _pulls(law, glues)
 
     def beyond(log_n: float) -> float:

@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
 from theory.magnets import Glues, Law, Pose, pair_force
+from theory.motion import demand
 
 Reals = NDArray[np.float64]
 
@@ -212,10 +213,18 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
     Raises
     ------
     ValueError
-        The tiles overlap at the start.
+        The tiles overlap at the start; a mass or inertia that is not positive, a friction, damping
+        or time below 0, or what is not finite but for mass and inertia.
     RuntimeError
         The integrator fails, or the time does not advance.
     """
+    for body in bodies:
+        heavy = {name: min(getattr(body, name), 1e300) for name in ("mass", "inertia")}
+        demand(heavy, at_least_0={k: v for k, v in body._asdict().items() if k not in heavy},
+               finite={})
+    demand({}, at_least_0={"until": until}, finite={})
+    if not (np.isfinite(poses).all() and np.isfinite(twists).all()):
+        raise ValueError("poses and twists must be finite")
     part, width = _Part(bodies, glues, law), law.width
     z = np.array([poses, twists], dtype=np.float64).reshape(2, 2, 3)
     if (gap := gap_of(z, width)) < -LEVEL * width:

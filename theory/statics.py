@@ -197,7 +197,7 @@ class Statics:
     Raises
     ------
     ValueError
-        No free tile, or a negative friction.
+        No free tile, a negative friction, or numbers of rigid bodies that are not whole.
 
     Notes
     -----
@@ -225,7 +225,10 @@ class Statics:
         self.tolerance = tolerance
         self.width = law.width
         n = len(tiles.site)
-        body = np.arange(n) if rigid is None else np.asarray(rigid, dtype=np.int64)
+        given = np.arange(n) if rigid is None else np.asarray(rigid)
+        if given.shape != (n,) or not np.array_equal(given, np.floor(given)):
+            raise ValueError(f"rigid must be a whole number for each of {n} tiles, not {given}")
+        body = np.unique(given, return_inverse=True)[1].reshape(n)  # from 0
         body = np.where(tiles.held, -1, body)  # the held tiles are one body that does not move
         self.magnets = magnet_wrench(tiles, law, mating=mating)
         self.edges = _shared_edges(tiles, body)

@@ -70,7 +70,7 @@ def coupled_tile(times: ArrayLike, *, mass: float, width: float, force: float, t
     demand({"mass": mass, "width": width},
            at_least_0={"frequency": frequency, "mu": mu, "gravity": gravity,
                        "linear_damping": linear_damping, "angular_damping": angular_damping},
-           finite={"force": force, "torque": torque, "forward": forward})
+           finite={"force": force, "torque": torque, "forward": forward, "family": family})
     inertia, arm, grip = mass * width * width / 6.0, MEAN_DISTANCE * width, mu * mass * gravity
     rate = 2.0 * math.pi * frequency
     driven = abs(family) * math.hypot(force, torque / arm) if frequency else 0.0

@@ -15,6 +15,7 @@ import hashlib
 import os
 import pickle
 import re
+import signal
 import sys
 import tempfile
 import threading
@@ -95,6 +96,47 @@ def cache_folder() -> Path | None:
     return None
 
 
+_PUT_OFF: list[int] = []  # signals that have come in `undisturbed`, and wait
+_HANDLERS: dict[int, Any] = {}  # what they are for, while it is in charge
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Put off Ctrl-C and SIGTERM while LLVM is at work, to its end or to the next `may_end`.
+
+    An exception of theirs in the middle of what LLVM calls back is lost, or leaves LLVM with half
+    of a kernel, and the process crashes where it calls that.  Signals are the main thread's.
+    """
+    if _HANDLERS or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    try:
+        for number in (int(signal.SIGINT), int(signal.SIGTERM)):
+            if signal.getsignal(number) is not None:  # else it is not of Python's
+                _HANDLERS[number] = signal.signal(number, lambda each, _: _PUT_OFF.append(each))
+        yield
+    finally:
+        for number, handler in _HANDLERS.items():
+            signal.signal(number, handler)
+        _HANDLERS.clear()
+        put_off = set(_PUT_OFF)
+        _PUT_OFF.clear()
+        for number in put_off:
+            signal.raise_signal(number)
+
+
+def may_end() -> None:
+    """Where compilation may be broken off: what has been put off comes now."""
+    while _HANDLERS and _PUT_OFF:
+        number = _PUT_OFF.pop()
+        handler = _HANDLERS[number]
+        if callable(handler):
+            handler(number, None)
+        else:
+            signal.signal(number, handler)
+            signal.raise_signal(number)
+
+
 class _Files(IndexDataCacheFile):
     """Numba's files, with a checksum at their end: a flipped bit in machine code would be run."""
 
@@ -123,7 +165,8 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is kept for a signature, or None."""
         try:
-            found = super().load_overload(sig, target_context)
+            with undisturbed():
+                found = super().load_overload(sig, target_context)
         except Exception:  # a damaged file raises whatever its bytes happen to mean
             found = None
             with contextlib.suppress(OSError):
@@ -133,7 +176,7 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled for a signature."""
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), undisturbed():
             super().save_overload(sig, data)
 
 
@@ -250,6 +293,7 @@ class _Whole(JITCodeLibrary):
                 function.linkage = Linkage.internal
                 function.name = f"{self.name}.{function.name}"
         super()._optimize_final_module()
+        may_end()
 
 
 NEEDLESS = {InlineClosureLikes, InlineOverloads}
@@ -268,6 +312,7 @@ class _PartCompiler(Compiler):
     def define_pipelines(self) -> Any:
         """What Numba does with every function, but for looking for closures and for functions that
         are to become part of another one before types are known; nobody writes either."""
+        may_end()
         state = self.state
         state.library = self.kind(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
@@ -348,7 +393,7 @@ class _KernelCompiler(_PartCompiler):
 
     def compile_extra(self, func: Any) -> Any:
         """What Numba does under its lock: nothing else is compiled meanwhile."""
-        with _as_kernels_are():
+        with undisturbed(), _as_kernels_are():
             return super().compile_extra(func)
 
 
@@ -481,6 +526,7 @@ class _OfUser(CFunc):
         return result
 
 
+@undisturbed()
 def callback(signature: Any, function: Callable[..., Any], guarded: Any) -> Any:
     """Compile `function` as a first-class function of one signature.
 

@@ -17,8 +17,8 @@ import numpy as np
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import LEAST_TILES, LINE, SCALE, WORK, Crew, collect, give
-from tbsa.kernels.floor import FloorLaw
-from tbsa.kernels.jit import YES, ZERO, U, inline, rolled
+from tbsa.kernels.floor import FloorLaw, floor_impulse
+from tbsa.kernels.jit import YES, ZERO, U, apart, inline, rolled
 from tbsa.kernels.momentum import PLAIN, hasten
 from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
 from tbsa.kernels.sweeps import (
@@ -123,6 +123,43 @@ def find_scales(rows: Rows, v: Bodies, u: Bodies, begin: int, end: int) -> int:
     return some
 
 
+@apart
+def really_works(k: Numbers, floor: FloorLaw, island: np.ndarray, c: np.ndarray, s: np.ndarray,
+                 v: Bodies, u: Bodies) -> bool:
+    """Of the islands that are to be scaled, let those alone whose contacts have done no work beside
+    the floor, and put the scales of the others right; returns whether there are any.
+
+    What the floor would do without the contacts, it does before them: a tile that it holds against
+    its load does not move, and what pushes it the same way does no work.  The motion with contacts
+    and the one without are least of the same convex function, where contacts are smooth, so that
+    the work between them is never positive in a solved problem.
+    """
+    n, first, im, ii = U(k.n), U(k.front), k.im, k.ii
+    m, inertia, R, Q = 1.0 / im, 1.0 / ii, floor.force * k.h, floor.torque * k.h
+    scale, energy, power = u.change, u.floorx, u.floory
+    for i in range(first, n):
+        energy[i] = power[i] = 0.0
+    for i in range(first, n):
+        p = island[i]
+        if scale[p] == 1.0:
+            continue
+        gx, gy, gw = im * v.floorx[i], im * v.floory[i], ii * v.floort[i]
+        dx, dy, dw = v.vx[i] - gx - u.vx[i], v.vy[i] - gy - u.vy[i], v.w[i] - gw - u.w[i]
+        px, py, pt, _, _ = floor_impulse(floor.law, v.startx[i], v.starty[i], v.startw[i], u.vx[i],
+                                         u.vy[i], u.w[i], m, inertia, R, Q, c[i], s[i])
+        energy[p] += 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
+        power[p] += (k.mass * (dx * (u.vx[i] + 0.5 * (gx + im * px))
+                               + dy * (u.vy[i] + 0.5 * (gy + im * py)))
+                     + k.inertia * dw * (u.w[i] + 0.5 * (gw + ii * pt)))
+    some = False
+    for i in range(first, n):
+        if island[i] == i and scale[i] != 1.0:
+            works = energy[i] + power[i] > 1e-14 * energy[i]
+            scale[i] = max(-power[i] / energy[i], 0.0) if works else 1.0
+            some |= works
+    return some
+
+
 @inline
 def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray, v: Bodies,
                u: Bodies, crew: Crew) -> None:
@@ -154,6 +191,8 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.nda
         return
     scale = power
     scale[n] = 1.0
+    if floor.law != 0 and not really_works(k, floor, island, c, s, v, u):
+        return
     for i in range(U(k.front), n):
         part = scale[island[i]]
         if part == 1.0:

@@ -590,9 +590,9 @@ def interrupts() -> Iterator[Stop]:
         return
 
     def note(*_: object) -> None:
-        if stop.asked or not stop.patient:
+        again, stop.asked = stop.asked, True  # Python drops what is raised while it tidies up
+        if again or not stop.patient:
             raise KeyboardInterrupt
-        stop.asked = True
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -639,40 +639,45 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
     if not may_be_filled(folder):
         raise InputError("must be a folder that may be written", file=str(folder))
-    if not resume:
-        _check_new(folder, tile_count(scene))
-        simulation = Simulation(scene, threads=threads)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"must be a folder that can be made: {error.strerror}",
-                             file=str(folder)) from None
-    with locked(folder / "records.npy", create=not resume, needed=False) as alone:
-        if resume:
-            info = _read_info(folder)
-            if info["fingerprint"] != mark:
-                raise InputError(
-                    f"was written for another scene or seed: this one has {mark[:12]}",
-                    file=str(folder / "run.json"), field="fingerprint",
-                    value=info["fingerprint"][:12])
-            if isinstance(info.get("version"), str) and info["version"] != _version():
-                raise InputError(
-                    f"must be {_version()}, this version: another one gives other bits; go on with "
-                    "that version, or begin anew in another folder (--out)",
-                    file=str(folder / "run.json"), field="version", value=info["version"])
-            _check_interval(folder, info, scene)
-            simulation = Simulation(scene, _read_layout(folder, scene), threads=threads)
-            load_checkpoint(folder / "checkpoint.npz", simulation, mark)
-            earlier = info["wall"]
-            if round(scene.run.duration / simulation.h) < simulation.steps:
-                raise InputError(f"s is less than the {simulation.time:g} s that {folder} holds: a "
-                                 "run can be made longer, not shorter", file=scene.file or None,
-                                 field="run.duration", value=scene.run.duration)
-        else:
-            for path in _check_new(folder, tile_count(scene)):
+    with interrupts() as stop:
+        stop.patient = False  # a drive may have to be compiled, and nothing is written yet
+        if not resume:
+            _check_new(folder, tile_count(scene))
+            simulation = Simulation(scene, threads=threads)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"must be a folder that can be made: {error.strerror}",
+                                 file=str(folder)) from None
+        with locked(folder / "records.npy", create=not resume, needed=False) as alone:
+            if resume:
+                simulation, earlier = _resumed(scene, folder, mark, threads)
+            stop.patient = True
+            for path in [] if resume else _check_new(folder, tile_count(scene)):
                 path.unlink(missing_ok=True)
-        with interrupts() as stop:
             return _write_run(folder, simulation, mark, earlier, resume, alone, progress, stop)
+
+
+def _resumed(scene: Scene, folder: Path, mark: str, threads: int) -> tuple[Simulation, float]:
+    """The simulation as the folder's checkpoint has it, and what it has taken so far (s)."""
+    info = _read_info(folder)
+    if info["fingerprint"] != mark:
+        raise InputError(f"was written for another scene or seed: this one has {mark[:12]}",
+                         file=str(folder / "run.json"), field="fingerprint",
+                         value=info["fingerprint"][:12])
+    if isinstance(info.get("version"), str) and info["version"] != _version():
+        raise InputError(
+            f"must be {_version()}, this version: another one gives other bits; go on with "
+            "that version, or begin anew in another folder (--out)",
+            file=str(folder / "run.json"), field="version", value=info["version"])
+    _check_interval(folder, info, scene)
+    simulation = Simulation(scene, _read_layout(folder, scene), threads=threads)
+    load_checkpoint(folder / "checkpoint.npz", simulation, mark)
+    if round(scene.run.duration / simulation.h) < simulation.steps:
+        raise InputError(f"s is less than the {simulation.time:g} s that {folder} holds: a "
+                         "run can be made longer, not shorter", file=scene.file or None,
+                         field="run.duration", value=scene.run.duration)
+    return simulation, float(info["wall"])
 
 
 def _check_new(folder: Path, n: int) -> list[Path]:

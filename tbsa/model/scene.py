@@ -426,8 +426,13 @@ def _parts(scene: Scene) -> Iterator[tuple[str, Any]]:
 
 
 def _fail(scene: Scene, name: str, value: Any, message: str) -> NoReturn:
-    shown = list(value) if isinstance(value, tuple) else value  # as TOML has it
-    raise InputError(message + _kind(value), file=scene.file or None, field=name, value=shown)
+    raise InputError(message + _kind(value), file=scene.file or None, field=name,
+                     value=_as_toml(value))
+
+
+def _as_toml(value: Any) -> Any:
+    """A value with arrays for tuples."""
+    return [_as_toml(each) for each in value] if isinstance(value, tuple) else value
 
 
 def _kind(value: Any) -> str:
