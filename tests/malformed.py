@@ -136,6 +136,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      'types = ["black", "white", "black"]\n', "seed.types", "must be two tile types"),
     ("a centre with one coordinate", TILES + '[seed]\nshape = "L"\narm = 2\ncentre = [0.0]\n',
      "seed.centre", "[0.0] must be two numbers [x, y] in m"),
+    ("an array in a coordinate", TILES + '[seed]\nshape = "L"\narm = 2\ncentre = [0.0, [1.0]]\n',
+     "seed.centre", "[0.0, [1.0]] must be two numbers [x, y] in m"),
     ("a seed angle in degrees", TILES + '[seed]\nshape = "L"\narm = 2\nangle = 45\n',
      "seed.angle", "45.0 must be a number from -6.28319 to 6.28319 rad"),
     ("a seed larger than the reactor", TILES + REACTOR + '[seed]\nshape = "cross"\narm = 20\n',
