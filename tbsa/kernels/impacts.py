@@ -747,13 +747,16 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     if stays:
         place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
         stay_together(rows, row, an, bn, k, z)
-    look_again(rows, row, k, threshold, loads, v, z, x, y, angle, c, s)
+    ahead = 1  # the row itself comes first
     for body_index in (a, b):
         if v.mobile[body_index] == 0.0:
             continue
-        for p in range(rows.start[body_index], rows.start[body_index + 1]):
-            if rows.of[p] != row:
-                look_again(rows, rows.of[p], k, threshold, loads, v, z, x, y, angle, c, s)
+        begin = rows.start[body_index]
+        for p in range(begin - ahead, rows.start[body_index + 1]):
+            if p < begin or rows.of[p] != row:
+                look_again(rows, row if p < begin else rows.of[p], k, threshold, loads, v, z, x, y,
+                           angle, c, s)
+        ahead = 0
 
 
 @lane
@@ -852,14 +855,15 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
 
     A pressed point that it throws on, faster than a solve leaves it, hits like any other.
     """
-    place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
     r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
     slow = comes_off(k, threshold, pair_speed(k, v, U(rows.body[t]), U(rows.body[t + LANES])))
-    first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
-    second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
-    if first or second:
-        let_go(r, row, first, second, z)
+    for _ in range(2):  # again without what has been let go
         place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
+        first = r[at + PN0] != 0.0 and r[at + VN0] < -slow
+        second = r[at + PN1] != 0.0 and r[at + VN1] < -slow
+        if not (first or second):
+            break
+        let_go(r, row, first, second, z)
     if r[at + HIT] != 0.0:
         expect(rows, row, k, loads, v, z, x, y, angle, c, s)
 
@@ -1112,8 +1116,8 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     """
     block, lane, body = row // WIDE, row % WIDE, rows.body
     t = U(block) * BODIES + U(lane)
-    draw(rows, k, loads, v, z, c, s, body[t])
-    draw(rows, k, loads, v, z, c, s, body[t + LANES])
+    for tile in (body[t], body[t + LANES]):
+        draw(rows, k, loads, v, z, c, s, tile)
     how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, c, s, loads.h, 0.0)
     r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
     leaves = r[i + HIT] == -2.0

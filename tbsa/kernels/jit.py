@@ -100,6 +100,10 @@ _PUT_OFF: list[int] = []  # signals that have come in `undisturbed`, and wait
 _HANDLERS: dict[int, Any] = {}  # what they are for, while it is in charge
 
 
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
     """Put off Ctrl-C and SIGTERM while LLVM is at work, to its end or to the next `may_end`.
@@ -107,7 +111,7 @@ def undisturbed() -> Iterator[None]:
     An exception of theirs in the middle of what LLVM calls back is lost, or leaves LLVM with half
     of a kernel, and the process crashes where it calls that.  Signals are the main thread's.
     """
-    if _HANDLERS or threading.current_thread() is not threading.main_thread():
+    if _HANDLERS or not _in_main_thread():
         yield
         return
     try:
@@ -127,7 +131,7 @@ def undisturbed() -> Iterator[None]:
 
 def may_end() -> None:
     """Where compilation may be broken off: what has been put off comes now."""
-    while _HANDLERS and _PUT_OFF:
+    while _HANDLERS and _PUT_OFF and _in_main_thread():
         number = _PUT_OFF.pop()
         handler = _HANDLERS[number]
         if callable(handler):
