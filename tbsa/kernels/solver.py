@@ -12,13 +12,15 @@ has no friction, they go on with momentum (`momentum.py`).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.crew import LEAST_TILES, LINE, SCALE, WORK, Crew, collect, give
 from tbsa.kernels.floor import FloorLaw, floor_impulse
-from tbsa.kernels.jit import YES, ZERO, U, apart, inline, rolled
+from tbsa.kernels.jit import YES, ZERO, U, apart, inline, lane, rolled
 from tbsa.kernels.momentum import PLAIN, hasten
 from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
 from tbsa.kernels.sweeps import (
@@ -96,18 +98,31 @@ def scale_impulses(rows: Rows, scale: float) -> None:
             r[o + PT + i] *= scale
 
 
+@lane
+def work_between(k: Numbers, v: Bodies, u: Bodies, i: int, ax: float, ay: float, at: float) -> Any:
+    """The work of the contacts of tile i (J), as the two terms of a parabola in their scale: along
+    the mean of its velocity and of the one at which they begin, which is `u` and what an impulse
+    of the floor (`ax`, `ay`, `at`; N s, N m s) makes of it."""
+    gx, gy, gw = k.im * v.floorx[i], k.im * v.floory[i], k.ii * v.floort[i]
+    dx, dy, dw = v.vx[i] - gx - u.vx[i], v.vy[i] - gy - u.vy[i], v.w[i] - gw - u.w[i]
+    energy = 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
+    power = (k.mass * (dx * (u.vx[i] + 0.5 * (gx + k.im * ax))
+                       + dy * (u.vy[i] + 0.5 * (gy + k.im * ay)))
+             + k.inertia * dw * (u.w[i] + 0.5 * (gw + k.ii * at)))
+    return energy, power
+
+
+@lane
+def scale_of(energy: float, power: float) -> float:
+    """By what the impulses of an island are to be scaled, for their work not to be positive."""
+    return max(-power / energy, 0.0) if energy + power > 1e-14 * energy else 1.0
+
+
 @rolled
 def work_on(k: Numbers, v: Bodies, u: Bodies, begin: int, end: int) -> None:
-    """The work that contacts do on each of these tiles, as the two terms of a parabola in their
-    scale (J), into both ``change``."""
-    vx, vy, w, ux, uy, uw = v.vx, v.vy, v.w, u.vx, u.vy, u.w
-    floorx, floory, floort, energy, power = v.floorx, v.floory, v.floort, v.change, u.change
+    """The work that contacts do on each of these tiles from `u` on, into both ``change``."""
     for i in range(U(begin), U(end)):
-        gx, gy, gw = k.im * floorx[i], k.im * floory[i], k.ii * floort[i]
-        dx, dy, dw = vx[i] - gx - ux[i], vy[i] - gy - uy[i], w[i] - gw - uw[i]
-        energy[i] = 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
-        power[i] = (k.mass * (dx * (ux[i] + 0.5 * gx) + dy * (uy[i] + 0.5 * gy))
-                    + k.inertia * dw * (uw[i] + 0.5 * gw))
+        v.change[i], u.change[i] = work_between(k, v, u, i, 0.0, 0.0, 0.0)
 
 
 @rolled
@@ -117,9 +132,8 @@ def find_scales(rows: Rows, v: Bodies, u: Bodies, begin: int, end: int) -> int:
     energy, power, island = v.change, u.change, rows.island
     some = 0
     for i in range(U(begin), U(end)):
-        works = (island[i] == i) & (energy[i] + power[i] > 1e-14 * energy[i])
-        power[i] = max(-power[i] / energy[i], 0.0) if works else 1.0
-        some += 1 if works else 0
+        power[i] = scale_of(energy[i], power[i]) if island[i] == i else 1.0
+        some += 1 if power[i] != 1.0 else 0
     return some
 
 
@@ -134,8 +148,8 @@ def really_works(k: Numbers, floor: FloorLaw, island: np.ndarray, c: np.ndarray,
     and the one without are least of the same convex function, where contacts are smooth, so that
     the work between them is never positive in a solved problem.
     """
-    n, first, im, ii = U(k.n), U(k.front), k.im, k.ii
-    m, inertia, R, Q = 1.0 / im, 1.0 / ii, floor.force * k.h, floor.torque * k.h
+    n, first, m, inertia = U(k.n), U(k.front), 1.0 / k.im, 1.0 / k.ii
+    R, Q = floor.force * k.h, floor.torque * k.h
     scale, energy, power = u.change, u.floorx, u.floory
     for i in range(first, n):
         energy[i] = power[i] = 0.0
@@ -143,21 +157,17 @@ def really_works(k: Numbers, floor: FloorLaw, island: np.ndarray, c: np.ndarray,
         p = island[i]
         if scale[p] == 1.0:
             continue
-        gx, gy, gw = im * v.floorx[i], im * v.floory[i], ii * v.floort[i]
-        dx, dy, dw = v.vx[i] - gx - u.vx[i], v.vy[i] - gy - u.vy[i], v.w[i] - gw - u.w[i]
         px, py, pt, _, _ = floor_impulse(floor.law, v.startx[i], v.starty[i], v.startw[i], u.vx[i],
                                          u.vy[i], u.w[i], m, inertia, R, Q, c[i], s[i])
-        energy[p] += 0.5 * (k.mass * (dx * dx + dy * dy) + k.inertia * dw * dw)
-        power[p] += (k.mass * (dx * (u.vx[i] + 0.5 * (gx + im * px))
-                               + dy * (u.vy[i] + 0.5 * (gy + im * py)))
-                     + k.inertia * dw * (u.w[i] + 0.5 * (gw + ii * pt)))
-    some = False
+        some, more = work_between(k, v, u, i, px, py, pt)
+        energy[p] += some
+        power[p] += more
+    works = False
     for i in range(first, n):
-        if island[i] == i and scale[i] != 1.0:
-            works = energy[i] + power[i] > 1e-14 * energy[i]
-            scale[i] = max(-power[i] / energy[i], 0.0) if works else 1.0
-            some |= works
-    return some
+        if scale[i] != 1.0:
+            scale[i] = scale_of(energy[i], power[i])
+            works |= scale[i] != 1.0
+    return works
 
 
 @inline
