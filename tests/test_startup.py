@@ -452,7 +452,8 @@ def test_the_report_of_a_run_has_every_counter_that_is_there():
     assert rows["manifolds that had converged, or in flight"] == ["600", "60 % of 1000"]
     assert rows["magnet pairs with a force computed"] == ["300", "3 a step"]
     assert rows["steps with an older list of near pairs"] == ["95", "95 % of 100"]
-    assert rows["steps with an older list of magnet pairs"] == ["80", "80 % of 100"]
+    # Forces are found twice a step.
+    assert rows["times an older list of magnet pairs was used"] == ["180", "90 % of 200"]
     assert rows["time with overlap beyond 0.1 %"] == ["10 %; deepest 1 % of the width"]
     assert rows["substeps joined with others in calm scenes"] == ["100", "20 % of 500"]
     assert rows["new_one"] == ["200", "0.5 a substep"]

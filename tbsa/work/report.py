@@ -41,10 +41,10 @@ LEFT_OUT = {
     "still": ("steps not done, as nothing changes any more", "of steps_here"),
     "joined": ("substeps joined with others in calm scenes", "of all_substeps"),
     "kept_lists": ("steps with an older list of near pairs", "of steps_here"),
-    "kept_magnet_lists": ("steps with an older list of magnet pairs", "of steps_here"),
+    "kept_magnet_lists": ("times an older list of magnet pairs was used", "of looks"),
     "unsolved": ("manifolds that had converged, or in flight", "of solves"),
 }
-_SHOWN_WITH_OTHERS = {"overlap", "deepest", "all_substeps", "steps_here"}
+_SHOWN_WITH_OTHERS = {"overlap", "deepest", "all_substeps", "steps_here", "looks"}
 
 
 def describe(scene: Scene) -> str:
@@ -112,10 +112,11 @@ def work(counts: Mapping[str, Any], scene: Scene, wall: float, since: int = 0) -
     """
     known = {name: int(value) for name, value in counts.items() if np.ndim(value) == 0}
     substeps = max(known.get("substeps", 0), 1)
-    for name in ("lists", "magnet_lists"):
-        if known.get(name, 0) > 0:
-            known[f"kept_{name}"] = max(known.get("steps", 0) - since - known[name], 0)
     known["steps_here"] = known.get("steps", 0) - since
+    known["looks"] = known["steps_here"] * (2 - scene.solver.substeps % 2)  # at the magnets
+    for name, most in (("lists", "steps_here"), ("magnet_lists", "looks")):
+        if known.get(name, 0) > 0:
+            known[f"kept_{name}"] = max(known[most] - known[name], 0)
     if "joined" in known:
         known["all_substeps"] = known["joined"] + known.get("substeps", 0)
     by = {"a substep": substeps, "a step": max(known.get("steps", 0), 1),
