@@ -242,8 +242,8 @@ MALFORMED: list[tuple[str, str, str, str]] = [
      "forces are found every 0.025 s, twice a step"),
     ("smooth bonds stiffer than the step", GOOD + "[material]\nfriction = 0\n[magnet]\n"
      "[solver]\nstep = 0.02\nsubsteps = 1\n", "solver.step",
-     "0.02 must be at most 0.0103 s with magnets and smooth tiles like these: bonds vibrate, and "
-     "forces are found every 0.02 s, once a step, as the number of substeps is odd"),
+     "0.02 must be at most 0.0103 s with magnets like these and a friction of 0: bonds vibrate, "
+     "and forces are found every 0.02 s, once a step, as the number of substeps is odd"),
     ("magnets beyond the centre", GOOD + "[magnet]\ninset = 0.015\n", "magnet.inset",
      "0.015 must be a number from 0 to below half the tile width, 0.015 m"),
     ("a cut-off of zero", GOOD + "[magnet]\ncutoff = 0.0\n", "magnet.cutoff",
