@@ -146,6 +146,8 @@ OK, MORE_PAIRS, MORE_ROWS, MORE_MAGNETS, NOT_FINITE, TOO_FAST, TOO_MANY = range(
 # to 0.7 w times half the square of this.
 TURN = 0.4
 TICKS = 8
+# ... and a corner goes no further round a round wall than this (rad).
+ROUND = 0.06
 # Substeps are joined, up to JOINED of them, where the last solve took FEW passes, nothing overlaps
 # by more than CALM (widths), and no tiles that may touch go further past each other (widths), or
 # turn further (rad), than this in what they are joined to.
@@ -558,15 +560,19 @@ def widest(n: int, x: np.ndarray, y: np.ndarray, pairs: Pairs, way: np.ndarray) 
 def fastest(k: Numbers, rows: Rows, x: np.ndarray, y: np.ndarray, v: Bodies, begin: int,
             end: int) -> Any:
     """Of the tiles of these rows, the squares of how fast two turn, in root of the sum of squares,
-    and go past each other, at most; that without what goes along a round wall (1/s^2, m^2/s^2)."""
+    and go past each other, at most; that without what goes along a round wall, which counts as
+    a turn (1/s^2, m^2/s^2)."""
     vx, vy, w, ra, rb = v.vx, v.vy, v.w, rows.a, rows.b
     turn2, past2, all2, longest = 0.0, 0.0, 0.0, JOINED * k.h
+    round2 = (TURN / (ROUND * k.wall_x))**2 if k.wall == CIRCLE else 0.0
     for i in range(U(begin), U(end)):
         a, b = U(ra[i]), U(rb[i])
         dx, dy = vx[b] - vx[a], vy[b] - vy[a]
         speed2 = dx * dx + dy * dy
         all2 = max(all2, speed2)
         if b == U(k.n) and k.wall == CIRCLE:  # along it tiles slide as they are, but for its bend
+            corner = math.sqrt(speed2) + 0.7072 * k.width * abs(w[a])
+            turn2 = max(turn2, round2 * corner * corner)
             towards = abs(x[a] * dx + y[a] * dy) + longest * speed2
             speed2 = min(speed2, towards * towards / max(x[a] * x[a] + y[a] * y[a], 1e-300))
         past2 = max(past2, speed2)

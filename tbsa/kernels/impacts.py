@@ -130,6 +130,8 @@ PARTED = 0.05
 BORNE = 1e-3
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 OFTEN = 60
+# In ``points``: an impact of this substep has left a row together, if none that came after it.
+LISTED = 4
 
 
 class Scratch(NamedTuple):
@@ -162,7 +164,7 @@ class Scratch(NamedTuple):
     leans: np.ndarray  # int64, and lies on a tile that moves, so that forces are no part of it
     pulled: np.ndarray  # int64, the tiles that have
     left: np.ndarray  # int64, the rows that an impact of this substep has left together
-    points: np.ndarray  # int64, and which of their points: 1, 2 or 3; 0 of all others
+    points: np.ndarray  # int64, and which of their points: 1, 2 or 3, and LISTED; 0 of all others
     thrown: np.ndarray  # int64, the rows that an impact of this substep throws on, though pressed
     lost0: np.ndarray  # N s, what their points bore until then; 0 of all others
     lost1: np.ndarray
@@ -759,6 +761,15 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
         ahead = 0
 
 
+@inline
+def leave(z: Scratch, row: int, points: int) -> None:
+    """Put a row on the list of what impacts of this substep have left together, by these points."""
+    if z.points[row] == 0:
+        z.left[z.size[3]] = row
+        z.size[3] += 1
+    z.points[row] |= points | LISTED
+
+
 @lane
 def note_together(rows: Rows, row: int, k: Numbers, z: Scratch) -> None:
     """Give the points of a row that impacts of this substep have left together an impulse, if they
@@ -779,10 +790,7 @@ def stay_together(rows: Rows, row: int, an: float, bn: float, k: Numbers, z: Scr
     off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
     if r[at + COUNT] == 0.0 or min(off0, off1) > SWEPT * k.width:
         return
-    if z.points[row] == 0:
-        z.left[z.size[3]] = row
-        z.size[3] += 1
-    z.points[row] |= 1 if off0 <= off1 else 2
+    leave(z, row, 1 if off0 <= off1 else 2)
     note_together(rows, row, k, z)
 
 
@@ -988,7 +996,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                         gap = gap_in(r, i + GAP0, z.time[q])
                         if r[i + COUNT] == 2.0:
                             gap = min(gap, gap_in(r, i + GAP1, z.time[q]))
-                        if gap > touching(r, i, k) and z.points[other] == 0:
+                        if gap > touching(r, i, k) and z.points[other] & 3 == 0:
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
                         enter(rows, other, k, v, z, x, y, angle, c, s, loads, begun)
@@ -1214,25 +1222,22 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
 
     Not what turns fast: what bears it does work, and a solve does none.
     """
-    r, body, slow, size = rows.field, rows.body, k.threshold + k.tolerance, z.size[3]
-    z.size[3] = 0
-    for j in range(size):
-        q = z.left[j]
-        if z.known[q] != 0:  # of this impact: its row tells of now
-            at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
-            a, b = U(body[t]), U(body[t + LANES])
-            vn0, vn1 = approach(r, at, v, a, b)
-            e, spin, left = r[at + E], abs(v.w[a]) + abs(v.w[b]), z.time[q] - k.h
-            back = ((1 if is_back(k, e, vn0, left * r[at + BEND0], spin) else 0)
-                    + (2 if is_back(k, e, vn1, left * r[at + BEND1], spin) else 0))
-            stay = (1 if vn0 <= slow else 0) + (2 if vn1 <= slow else 0)
-            if stay != 0 and (k.h * spin > SWEPT or clears(rows, q, k, v, x, y, angle, k.h,
-                                                           NOWHERE * k.width)):
-                stay = 0
-            z.points[q] &= stay | back
-        if z.points[q] != 0:
-            z.left[z.size[3]] = q
-            z.size[3] += 1
+    r, body, slow = rows.field, rows.body, k.threshold + k.tolerance
+    for j in range(z.size[0]):  # of this impact: their rows tell of now
+        q = z.rows[j]
+        if z.points[q] & 3 == 0:
+            continue
+        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        a, b = U(body[t]), U(body[t + LANES])
+        vn0, vn1 = approach(r, at, v, a, b)
+        e, spin, left = r[at + E], abs(v.w[a]) + abs(v.w[b]), z.time[q] - k.h
+        back = ((1 if is_back(k, e, vn0, left * r[at + BEND0], spin) else 0)
+                + (2 if is_back(k, e, vn1, left * r[at + BEND1], spin) else 0))
+        stay = (1 if vn0 <= slow else 0) + (2 if vn1 <= slow else 0)
+        if stay != 0 and (k.h * spin > SWEPT or clears(rows, q, k, v, x, y, angle, k.h,
+                                                       NOWHERE * k.width)):
+            stay = 0
+        z.points[q] &= stay | back | LISTED
 
 
 @inline
@@ -1282,10 +1287,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
         e, p0, p1 = r[at + E], r[at + PN0], r[at + PN1]
         if p0 + p1 > 0.0:
-            if z.points[q] == 0:
-                z.left[z.size[3]] = q
-                z.size[3] += 1
-            z.points[q] |= (1 if p0 > 0.0 else 0) + (2 if p1 > 0.0 else 0)
+            leave(z, q, (1 if p0 > 0.0 else 0) + (2 if p1 > 0.0 else 0))
         v0, v1, left = p0 * r[at + K00], p1 * r[at + K11], z.time[q] - k.h
         spin = abs(v.w[body[t]]) + abs(v.w[body[t + LANES]])
         arc0, arc1 = r[at + BEND0], r[at + BEND1]
