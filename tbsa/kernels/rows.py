@@ -336,7 +336,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
             field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = 2.0 * code, -1.0
         j -= 1
     index_rows(rows, m + found, n, mobile)
-    find_islands(rows, m + found, n, mobile)
+    join_islands(rows.island, na, nb, found, n, mobile)
     return int(found)
 
 
@@ -521,9 +521,16 @@ def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
 @lane
 def find_islands(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
     """Find what hangs together through the rows."""
-    ra, rb, island = rows.a, rows.b, rows.island
+    island = rows.island
     for i in range(n + 1):
         island[i] = i
+    join_islands(island, rows.a, rows.b, m, n, mobile)
+
+
+@lane
+def join_islands(island: np.ndarray, ra: np.ndarray, rb: np.ndarray, m: int, n: int,
+                 mobile: np.ndarray) -> None:
+    """Make one of the islands that these m rows lead from one to the other."""
     for i in range(m):
         if mobile[ra[i]] * mobile[rb[i]] != 0.0:
             p, q = root(island, ra[i]), root(island, rb[i])
