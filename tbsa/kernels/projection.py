@@ -79,8 +79,6 @@ FLYING = 2.0
 PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
 # A list of so many rows is put in the order of the blocks, so that threads share those of a colour.
 MANY_ROWS = 1024
-# What turns further than this (rad) until the middle of the next substep is looked at there.
-ARC = 0.03
 
 
 @inline
@@ -89,7 +87,8 @@ def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarr
     """Whether the bodies of row q will not overlap by more than `left` (m) after a time `rest` (s).
 
     A row tells of how they were and went; after an impact, they have hit only when they will have
-    come to where it was, and have turned meanwhile.
+    come to where it was, and have turned meanwhile, and where they only come from another face may
+    be the nearest.
     """
     r, body, half = rows.field, rows.body, 0.5 * k.width
     t = U(q // WIDE) * BODIES + U(q % WIDE)
@@ -137,7 +136,7 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
           - r[i + AN1] * turn_a)
     if g0 >= spare and (g1 >= spare or not two):
         return False
-    if k.h * (abs(w[a]) + abs(w[b])) > ARC and clears(rows, q, k, v, x, y, angle, rest, left):
+    if clears(rows, q, k, v, x, y, angle, rest, left):
         return False
     g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
     g1 = g1 if g1 > 0.0 else max(0.6 * g1, -most)
