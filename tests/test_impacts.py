@@ -605,9 +605,9 @@ def test_a_corner_that_a_tile_rocks_on_bears_whatever_the_threshold(tolerance, s
 @pytest.mark.parametrize("radius", [1.0, 1.2, 1.5, 2.0])
 @pytest.mark.parametrize("speed", [5.0, 14.0])
 def test_a_smooth_tile_that_is_thrown_round_in_a_narrow_round_wall_stays_inside(radius, speed):
-    """It comes to lie on the wall with an edge, and goes round with it. Where it turned by more than
-    0.1 rad in a substep it bounced 60 times in each, and was up to 0.07 of its width outside, for
-    more than half of the time, at 14 m/s and 1.2 widths."""
+    """It comes to lie on the wall with an edge, and goes round with it. Where it turned by more
+    than 0.1 rad in a substep it bounced 60 times in each, and was up to 0.07 of its width outside,
+    for more than half of the time, at 14 m/s and 1.2 widths."""
     clear = (radius - 0.72) * WIDTH
     s = simulate([tile(0.9 * clear * math.cos(0.7), 0.9 * clear * math.sin(0.7), 0.9,
                        -speed * math.sin(0.7), speed * math.cos(0.7))], step=1 / 480, substeps=4,
