@@ -20,8 +20,21 @@ ENGINES = {"box2d": "Box2D", "pymunk": "Pymunk"}
 
 def newest(folder: Path) -> Path:
     """The results of the newest version in a folder."""
-    return max(folder.glob("speed-*.json"), key=lambda path: order(path.name),
-               default=folder / "speed-VERSION.json")
+    return next(iter(by_version(folder)), folder / "speed-VERSION.json")
+
+
+def by_version(folder: Path) -> list[Path]:
+    """The results of all versions, the newest first."""
+    return sorted(folder.glob("speed-*.json"), key=lambda path: order(path.name), reverse=True)
+
+
+def sizes_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
+    """The rows over the number of tiles of the newest version that has any, and which it is."""
+    for path in by_version(folder):
+        rows = [row for row in results(path).get("rows", []) if row["part"] == "sizes"]
+        if rows:
+            return rows, path.stem.removeprefix("speed-")
+    return [], ""
 
 
 DATA: tuple[Path, ...] = (newest(RESULTS),)
@@ -32,7 +45,7 @@ def make() -> Figure:
     rows = results(DATA[0]).get("rows")
     if not rows:
         raise Missing(f"rows in {DATA[0]}")
-    sizes = [row for row in rows if row["part"] == "sizes"]
+    sizes, version = sizes_of(DATA[0].parent)
     scenes = sorted({row["scene"] for row in sizes}, reverse=True) or [""]
     fig = figure(3.0, 7.1)
     *lefts, right = fig.subplots(1, len(scenes) + 1, width_ratios=[1.0] * len(scenes) + [1.25])
@@ -40,10 +53,11 @@ def make() -> Figure:
         if ax is not lefts[0]:
             ax.sharey(lefts[0])  # first: the limits of both come from all that is drawn
         cost(ax, [row for row in sizes if row["scene"] == scene])
-        ax.set_title(scene, fontsize=7)
+        ax.set_title(f"{scene} ({version})" if scene else "", fontsize=7)
     for ax in lefts[1:]:
         ax.set_ylabel("")
     speeds(right, rows)
+    right.set_title(DATA[0].stem.removeprefix("speed-"), fontsize=7)
     for ax in (*lefts, right):
         ax.spines[["top", "right"]].set_visible(False)
     fig.legend(*lefts[0].get_legend_handles_labels(), loc="outside upper center", ncols=4,

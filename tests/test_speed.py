@@ -214,3 +214,15 @@ def test_the_figure_is_drawn_from_the_newest_results(tmp_path, monkeypatch):
     assert [tick.get_text() for tick in left.get_xticklabels()] == ["550", "35,200", "100,000"]
     widths = sorted(round(bar.get_width(), 3) for bar in right.patches)
     assert widths == [1.5, 2.5, 5.0, 6.25, 8.333, 15.0, 25.0]
+
+
+def test_where_the_newest_results_have_no_sizes_an_older_versions_are_drawn(tmp_path, monkeypatch):
+    (tmp_path / "speed-0.9.0.json").write_text(json.dumps({"rows": ROWS}))
+    rest = [row for row in ROWS if row["part"] != "sizes"]
+    (tmp_path / "speed-0.10.0.json").write_text(json.dumps({"rows": rest}))
+    monkeypatch.setattr(drawn, "DATA", (drawn.newest(tmp_path),))
+    with style.look():
+        first, left, right = drawn.make().axes
+    assert first.get_title().endswith("(0.9.0)")
+    assert left.get_title().endswith("(0.9.0)")
+    assert right.get_title() == "0.10.0"
