@@ -965,6 +965,9 @@ def test_what_snaps_together_at_the_longest_step_gains_no_energy(friction):
                                         restitution_threshold=0.01),
                       free=Free((("black", 4), ("white", 4))), solver=Solver(step=step),
                       record=Record(step, step), run=Run(1.0, seed=seed))
+        with pytest.raises(InputError, match="bonds vibrate"):
+            replace(crowd, solver=Solver(step=1.03 * step),
+                    record=Record(1.03 * step, 1.03 * step)).validate()
         s = Simulation(crowd)
         magnetic, energy = MagnetEnergy(crowd, glues_of(crowd, s.layout.type)), []
         for _ in range(100):

@@ -40,7 +40,7 @@ DONE = {
 LEFT_OUT = {
     "still": ("steps not done, as nothing changes any more", "of steps_here"),
     "joined": ("substeps joined with others in calm scenes", "of all_substeps"),
-    "kept_lists": ("steps with an older list of near pairs", "of steps_here"),
+    "kept_lists": ("steps with an older list of near pairs, at least", "of steps_here"),
     "kept_magnet_lists": ("times an older list of magnet pairs was used", "of looks"),
     "unsolved": ("manifolds that had converged, or in flight", "of solves"),
 }
