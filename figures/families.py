@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from figures._data import BARS, BEYOND, done, means, needed, points, seconds
@@ -28,8 +29,8 @@ def make() -> Figure:
         rows = given(table[table["group"] == group], folder, *FORTH, *BACK)
         if rows.empty:
             continue
-        larger, smaller = rows[list(FORTH)].sum(axis=1), rows[list(BACK)].sum(axis=1)
-        rows = rows.assign(share=(100.0 * larger / (larger + smaller)).round(1))
+        forth, back = rows[list(FORTH)].sum(axis=1), rows[list(BACK)].sum(axis=1)
+        rows = rows.assign(share=(100.0 * np.maximum(forth, back) / (forth + back)).round(1))
         # Hollow squares, larger than the discs, hide none of them.
         points(ax, means(rows, "share"), SELF, label, color=colour, linestyle=dash, marker=mark,
                **({"markersize": 6, "fillstyle": "none"} if mark == "s" else {}))

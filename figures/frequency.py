@@ -16,7 +16,8 @@ PAPER = {SELF: 0.1, SHAKING: 0.33}  # Hz
 def make() -> Figure:
     """Means over the seeds, bars from the smallest to the largest run; the paper's are marked."""
     table = done(DATA[0].parent)
-    table = needed(table[table["group"] == "frequency"], "a run of the group frequency")
+    table = table[(table["group"] == "frequency") & table["drive"].isin(DRIVES)]
+    table = needed(table, "a run of the group frequency, of one of the paper's scenes")
     table = given(table, DATA[0].parent, "drive.frequency")
     fig = figure(2.6)
     ax = fig.add_subplot(xscale="log", xlabel="frequency of the drive (Hz)",

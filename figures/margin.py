@@ -119,7 +119,8 @@ def make(folders: Sequence[str | Path] = ()) -> Figure:
         for column, label, colour, marker in series:
             inside = table[column].between(BOTTOM, TOP)
             look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3,
-                                    "linestyle": "none", "clip_on": False}
+                                    "linestyle": "none", "clip_on": False,
+                                    "in_layout": False}  # a line without points is at pixel 0, 0
             ax.plot(table["size"], table[column].where(inside), label=label, **look)
             if len(beyond := table[~inside]):
                 ax.plot(beyond["size"], beyond[column].clip(BOTTOM, TOP), **look,

@@ -16,21 +16,16 @@ from figures.style import GREY, figure
 from paper_runs.tables import curves, given
 
 DATA = (MORE_TILES / "table.csv", MORE_TILES / "curves.csv")
-PAPER = 550
-COUNTS = ["free.counts.black", "free.counts.white"]
-LINES: dict[int, Any] = {PAPER: (0, (1, 1.2)), 1000: (0, (4, 1.5)), 2000: "-"}
+LINES: dict[int, Any] = {550: (0, (1, 1.2)), 1000: (0, (4, 1.5)), 2000: "-"}
 FEW = 5  # runs, up to which each has a line of its own instead of a band for all
 
 
 def make() -> Figure:
     """A panel a drive: mean size against time for each number of free tiles, and its runs."""
     folder = DATA[0].parent
-    table = given(needed(done(folder), "a run that is done"), folder, *COUNTS)
-    table = table.assign(free=table[COUNTS].sum(axis=1).astype(int))
-    parts: list[tuple[int, Path, pd.DataFrame]] = [
-        (number, folder, rows) for number, rows in table.groupby("free")]
+    parts = by_number(folder, needed(done(folder), "a run that is done"))
     if all((CAMPAIGN / path.name).exists() for path in DATA) and len(rows := done(CAMPAIGN)):
-        parts.insert(0, (PAPER, CAMPAIGN, rows))
+        parts = by_number(CAMPAIGN, rows) + parts
     fig = figure(4.2)
     axes = fig.subplots(len(DRIVES), 1, sharex=True, height_ratios=(1.7, 1))
     for ax, (drive, label) in zip(axes, DRIVES.items(), strict=True):
@@ -65,3 +60,10 @@ def make() -> Figure:
                   Patch(color=GREY, alpha=0.3, lw=0, label="smallest to largest run")],
                loc="outside upper center", ncols=2)
     return fig
+
+
+def by_number(folder: Path, table: pd.DataFrame) -> list[tuple[int, Path, pd.DataFrame]]:
+    """The runs of a folder, by how many tiles they have beside the seed."""
+    table = given(table, folder, "tiles", "total", "size")
+    free = (table["tiles"] - (table["total"] - table["size"])).astype(int)
+    return [(number, folder, rows) for number, rows in table.groupby(free)]

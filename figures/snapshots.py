@@ -27,7 +27,8 @@ def make() -> Figure:
             k = run.at(float(time))
             found, marks = show(ax, run, k)
             marked |= marks
-            ax.set_title(f"{run.time[k]:g} s: {found.size} tiles", fontsize=7, pad=2)
+            ax.set_title(f"{run.time[k]:g} s: {found.size} tile{'s' * (found.size != 1)}",
+                         fontsize=7, pad=2)
         axes[0, column].set_title(f"{label}\n{axes[0, column].get_title()}", fontsize=7, pad=2)
     name_marks(fig, marked)
     return fig

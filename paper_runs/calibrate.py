@@ -340,8 +340,8 @@ def noise(folder: Path, table: pd.DataFrame, ranked: Sequence[Candidate] = ()) -
     return (f"Between single seeds of one setting the distance has a standard deviation of "
             f"{spread:.2f} (group base of the readings, {len(far)} seeds): two candidates of one "
             f"run each are told apart (95 %) if their distances differ by more than {apart:.2f}."
-            + (f" {near} of the {len(ranked) - 1} other settings of the maps are nearer than that "
-               "to the first." if ranked else ""))
+            + (f" Nearer than that to the first: {near} of the {len(ranked) - 1} other settings of "
+               "the maps." if ranked else ""))
 
 
 def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:

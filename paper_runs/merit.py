@@ -219,7 +219,9 @@ def report(folder: Path, plan: Path) -> str:
          "–" if short or foreign else figure.verdict(ours))
         for what, figure, ours, unit in rows(folder, drives)])]
     many = (f"In the records of both drives {clumps(folder, drives):.3g} errors are there at a "
-            "time, in the mean over all errors.")
+            "time, in the mean over all errors."
+            if any(errors(folder, table).any() for table in drives.values())
+            else "There is no error in any record of either drive.")
     return "\n".join([*lines, "", RULES, "", many, "", *_beside(folder, drives),
                       *_walls(folder, drives), ""])
 

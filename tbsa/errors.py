@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 from unicodedata import category
+
+
+def at_most(bound: float, digits: int = 6) -> str:
+    """A bound in so many digits, rounded down: who types what is shown is let in."""
+    return f"{float(Context(digits, ROUND_FLOOR).create_decimal_from_float(bound)):g}"
+
+
+def at_least(bound: float, digits: int = 6) -> str:
+    """The same of a lower bound, rounded up."""
+    return f"{float(Context(digits, ROUND_CEILING).create_decimal_from_float(bound)):g}"
 
 
 class InputError(ValueError):

@@ -57,4 +57,5 @@ def ending(each, size, errors=0, holes=0, interval=100.0, slope=0.0):
     end = np.arange(len(time)) == len(time) - 1
     return {"time": time, "size": sizes, "errors": np.where(end, errors, 0),
             "holes": np.where(end, holes, 0), "wrongly_turned": nothing, "off_lattice": nothing,
-            "total": sizes + 41, "size_contact": sizes + 2, "joined": nothing, "left": nothing}
+            "total": sizes + len(each.scene.seed.cells), "size_contact": sizes + 2,
+            "joined": nothing, "left": nothing}

@@ -185,6 +185,15 @@ def test_the_command_prints_a_table_and_a_setting(tmp_path, capsys):
     assert "[solver]" in out
 
 
+def test_the_least_horizon_that_is_told_may_be_asked_for():
+    short = driven()
+    short = replace(short, solver=replace(short.solver, step=1 / 480))  # 0.0083333...
+    with pytest.raises(InputError, match="must be a number from") as refused:
+        bench(short, after=0.25, horizon=1e-9)
+    least = float(str(refused.value).split("from ")[1].split(" to")[0])
+    assert bench(short, after=0.25, horizon=least)
+
+
 def test_bench_itself_refuses_a_bad_horizon():
     with pytest.raises(InputError, match="horizon"):
         bench(driven(), horizon=math.nan)

@@ -25,6 +25,7 @@ import tbsa
 from figures import elsewhere, events, families, frequency, growth, more_tiles, style
 from figures import maps as maps_figure
 from figures.__main__ import main as make_figures
+from figures._data import Missing
 from paper_runs import calibrate, intervals, keep, merit, paper, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
 from paper_runs.paper import DURATION, LESS, MORE, SELF
@@ -1306,6 +1307,21 @@ def test_the_families_figure_is_over_the_share_of_the_larger(beyond):
         np.testing.assert_allclose(line.get_ydata(), means)
     assert len(ax.containers) == 3
     assert ax.containers[2].lines[0].get_xdata().tolist() == [50.0]  # a family a colour
+
+
+def test_the_larger_family_is_the_one_of_more_tiles(beyond):
+    forth, back = list(families.FORTH), list(families.BACK)
+    rewritten(beyond / "beyond" / "table.csv", lambda frame: frame.rename(
+        columns=dict(zip(forth + back, back + forth, strict=True))))
+    (ax,) = drawn(families).axes
+    np.testing.assert_allclose(ax.containers[0].lines[0].get_xdata(), [50.0, 60.0, 74.9, 100.0],
+                               atol=0.06)
+
+
+def test_frequencies_of_scenes_of_another_name_are_not_the_papers(beyond):
+    rewritten(beyond / "beyond" / "table.csv", lambda frame: frame.assign(scene="mine.toml"))
+    with pytest.raises(Missing, match="of one of the paper's scenes"):
+        drawn(frequency)
 
 
 def test_growth_says_what_its_bands_are(beyond, monkeypatch):

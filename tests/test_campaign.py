@@ -613,10 +613,43 @@ def test_the_table_of_runs_that_fail_does_not_depend_on_how_they_were_cut(
     assert tables("fine") == tables("out")
 
 
-def test_what_is_no_executor_is_refused_before_anything_is_written(here):
-    with pytest.raises(TypeError, match=r"executor must be a concurrent\.futures\.Executor.*int"):
-        campaign("campaign.toml", "out", executor=3)
+@pytest.mark.parametrize(("executor", "name"), [(3, "int"), (ThreadPoolExecutor, "ThreadPool")])
+def test_what_is_no_executor_is_refused_before_anything_is_written(here, executor, name):
+    with pytest.raises(TypeError, match=rf"must be a concurrent\.futures\.Executor.*{name}"):
+        campaign("campaign.toml", "out", executor=executor)
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("part", ["1/2", (1, 2, 3), (1.0, 2), (0, 2), (3, 2), None])
+def test_what_is_no_part_is_refused_before_anything_is_written(here, part):
+    with pytest.raises(InputError, match=r"part: .* must be I/N, I from 1 to N"):
+        campaign("campaign.toml", "out", part=part)
+    assert not Path("out").exists()
+
+
+def test_a_script_without_a_guard_is_told_what_it_lacks(here):
+    """Each worker reads the script that began the campaign."""
+    Path("script.py").write_text(
+        "import tbsa\ntbsa.campaign('campaign.toml', 'out', jobs=1)\n")
+    found = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True,
+                           check=False)
+    assert found.returncode == 1
+    assert 'that must stand below if __name__ == "__main__":' in found.stderr
+    assert "holds a campaign already" not in found.stderr
+
+
+def test_a_folder_that_may_not_be_entered_is_told_of(here, monkeypatch):
+    def may_not(self):
+        if self == Path("out", "runs"):
+            raise PermissionError(13, "Permission denied", str(self))
+        return exists(self)
+
+    Path("out").mkdir()
+    exists = Path.exists
+    monkeypatch.setattr(Path, "exists", may_not)
+    monkeypatch.setattr(module, "may_be_filled", lambda place: place != Path("out"))
+    with pytest.raises(InputError, match="out: must be a folder that may be written"):
+        campaign("campaign.toml", "out", resume=True)
 
 
 def test_what_an_executor_raises_is_a_failed_run(here):

@@ -241,6 +241,24 @@ def test_ctrl_c_before_the_run_begins_ends_without_a_word(here, capsys, monkeypa
     assert [path.name for path in here.iterdir()] == ["scene.toml"]
 
 
+def test_ctrl_c_while_the_words_are_read_ends_without_a_word(capsys, monkeypatch):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_parser", interrupt)
+    assert main(["check", "scene.toml"]) == 130
+    assert capsys.readouterr().err == ""
+
+
+def test_a_scene_whose_name_leaves_no_room_for_that_of_its_run_is_told_of(here, capsys):
+    long = here / f"{250 * 'n'}.toml"
+    long.write_bytes((here / "scene.toml").read_bytes())
+    (here / "runs").mkdir()
+    assert main(["run", str(long), "--seed", str(2**63 - 1), "--quiet"]) == 2
+    assert "must be a path that can be written: File name too long" in capsys.readouterr().err
+    assert not list((here / "runs").iterdir())
+
+
 def test_ctrl_c_while_it_compiles_does_not_wait(here, capsys, monkeypatch):
     def compiling(simulation, substeps):
         os.kill(os.getpid(), signal.SIGINT)

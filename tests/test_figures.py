@@ -208,6 +208,23 @@ def test_margins_are_those_of_the_run_of_each_drive_that_is_kept(there, data, mo
     assert drawn == [first_run(data, group) for group in ("shaking", "self-stabilizing")]
 
 
+def test_margins_of_a_run_without_an_attached_tile_leave_the_other_panel_its_place(
+        there, data, monkeypatch):
+    def place():
+        with style.look():
+            fig = margin.make()
+            fig.draw_without_rendering()
+        return [ax.get_position().bounds for ax in fig.axes]
+
+    found = pd.DataFrame({"size": [3], "tiles": [1.0], "no_torque": [1.0], "body": [2.0]})
+    monkeypatch.setattr(margin, "DATA", snapshots.DATA)
+    monkeypatch.setattr(margin, "margins", lambda folder: found)
+    full = place()
+    some = iter([found.iloc[:0], found])
+    monkeypatch.setattr(margin, "margins", lambda folder: next(some))
+    np.testing.assert_allclose(place(), full, atol=0.02)
+
+
 def test_snapshots_need_a_run_that_was_kept(data):
     with pytest.raises(FileNotFoundError, match="no run of map-shaking is kept"):
         first_run(data, "map-shaking")

@@ -47,6 +47,32 @@ PAPER_RUNS = Path(__file__).parents[1] / "paper_runs"
 ENGINE = "def push(t, p, *state):\n    raise RuntimeError('never run by the check')\n"
 
 
+@pytest.mark.parametrize(("section", "name", "value"), [
+    ("material", "friction", value) for value in (0.0, 0.05, 0.15, 0.25)] + [
+    ("magnet", "alpha", value) for value in (7e-6, 3e-5, 5.4e-5)] + [
+    ("solver", "substeps", value) for value in (1, 3, 7)])
+def test_a_limit_that_is_told_may_be_typed(section, name, value):
+    """In fewer digits than it has, it is rounded to the side that is allowed."""
+    def with_it(step, frequency=0.0, damping=0.0):
+        parts = {"material": {"linear_damping": damping}, "magnet": {}, "solver": {"step": step},
+                 "record": {"interval": step, "checkpoint": step},
+                 "drive": {"kind": "shaking", "force": 0.1, "frequency": frequency}}
+        parts[section][name] = value
+        return {**tomllib.loads(GOOD), **parts}
+
+    def told(field, data):
+        with pytest.raises(InputError, match="must be at most") as refused:
+            parse(data)
+        assert refused.value.field == field
+        return float(re.search(r"at most ([^ ]+) ", str(refused.value)).group(1))
+
+    step = told("solver.step", with_it(0.05))
+    assert parse(with_it(step)).solver.step == step
+    frequency = told("drive.frequency", with_it(step, 1e4))
+    damping = told("material.linear_damping", with_it(step, damping=100.0))
+    parse(with_it(step, frequency, damping))
+
+
 @pytest.mark.parametrize(("text", "name", "fragment"), [row[1:] for row in MALFORMED],
                          ids=[row[0] for row in MALFORMED])
 def test_a_malformed_scene_is_refused_with_one_sentence(tmp_path, text, name, fragment):

@@ -257,9 +257,9 @@ def test_what_is_no_recorded_tile_is_refused(kind, turns, words):
 
 
 @pytest.mark.parametrize("numbers", [(0, 0.2, 0.07), (-2, 0.2, 0.07), (2, math.nan, 0.07),
-                                     (2, 0.2, math.nan)])
+                                     (2, 0.2, math.nan), (2, 0.2, -0.07)])
 def test_a_probability_of_no_block_is_refused(numbers):
-    with pytest.raises(ValueError, match="n must be whole and at least 1, bond and load numbers"):
+    with pytest.raises(ValueError, match="n must be whole and at least 1, the bond a number and"):
         stability.half_turn_holds(*numbers)
 
 

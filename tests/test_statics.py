@@ -35,6 +35,21 @@ def critical(tiles, angle, mu=MU, floor=(0.0, 0.0), law=PAPER, mating=True):
 # Magnets.
 
 
+@pytest.mark.parametrize("mu", [0.0, 0.25])
+def test_a_push_by_just_what_the_floor_bears_leaves_nothing_for_a_load(mu):
+    """Corners of the floor's disc cannot be told apart before the polygon bears the push."""
+    tiles = chessboard([(0, 0)], [(0, -1)], ((1, 1, 1, 1), (1, 1, 1, 1)))
+    push = statics.magnet_wrench(tiles, PAPER, mating=True)[0, 1]
+    rest = Statics(tiles, PAPER, mating=True, mu=mu, floor=(push, 1e-3))
+    for angle in (0.0, 30.0, 90.0, 180.0):
+        load = uniform(tiles, math.cos(angle * DEGREE), math.sin(angle * DEGREE))
+        found = rest.rest(load, contacts=False)
+        assert 0.0 <= found.factor <= 1e-5
+        assert math.copysign(1.0, found.factor) == 1.0
+        assert found.error <= 1e-4 * push
+    assert rest.worst_phase(uniform(tiles, 1.0, 0.0), uniform(tiles, 0.0, 1.0)).factor == 0.0
+
+
 @pytest.mark.parametrize(("glues", "pair", "row"), [
     (statics.CHESSBOARD, 0.1312, 0.0736), (statics.ORIENTED, 0.2037, 0.1461)])
 def test_all_pairs_hold_a_tile_by_less_than_the_pair_that_mates(glues, pair, row):

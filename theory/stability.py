@@ -135,12 +135,13 @@ def half_turn_holds(n: int, bond: float, load: float) -> float:
     Raises
     ------
     ValueError
-        An n that is not whole or below 1, what is no number, or an infinite bond and load.
+        An n that is not whole or below 1, what is no number, a load below 0, or an infinite bond
+        and load.
     """
     if (not n >= 1 or not math.isfinite(n) or n != math.floor(n) or math.isnan(bond)
-            or math.isnan(load) or bond == load == math.inf):
-        raise ValueError("n must be whole and at least 1, bond and load numbers, not "
-                         f"{n}, {bond} N and {load} N")
+            or not load >= 0.0 or bond == load == math.inf):
+        raise ValueError("n must be whole and at least 1, the bond a number and the load one from "
+                         f"0 N, not {n}, {bond} N and {load} N")
     # Of |imbalance| = |n^2 - 2 k|; a force just borne is, however the quotient is rounded.
     share = n * max(bond, 0.0) / load * (1.0 + 1e-12) if load > 0.0 else math.inf
     most = min(share, n * n)

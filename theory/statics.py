@@ -341,12 +341,19 @@ class Statics:
         """As :meth:`_solve`, with corners added until the gain is short by what is `allowed` of it.
 
         The result, by how much its gain may be short of that with discs, and the dual's velocities.
+        Where a disc bears a load at its very rim and nothing beside it, corners are halved until
+        HiGHS cannot tell them apart: what it has found before is returned, short by more.
         """
         f, m = len(self.tiles.free), len(self.edges)
         radius = self.floor[0] / self.scale
-        asked = False
+        asked, found = False, None
         while True:
-            result = self._solve(gain, self._program(others, *bounds, spare), load)
+            try:
+                result = self._solve(gain, self._program(others, *bounds, spare), load)
+            except RuntimeError:
+                if found is None:
+                    raise
+                return found
             if result is None:
                 if asked or not self._bears(load, *((None,) if spare else (others, bounds))):
                     return None
@@ -357,8 +364,9 @@ class Statics:
             short = radius * speed + result.ineqlin.marginals[2 * m:2 * m + f]
             short = np.maximum(short, 0.0) if radius > 0.0 else np.zeros(f)
             most = max(allowed(-result.fun), EXACT)
+            found = result, float(short.sum()), -power
             if short.sum() <= most:
-                return result, float(short.sum()), -power
+                return found
             self._refine(np.flatnonzero(short > 0.1 * most / f),
                          power[self.tiles.free, :2] / np.maximum(speed, 1e-300)[:, None])
 
@@ -486,7 +494,7 @@ class Statics:
             wide = self._wide()
             return Rest(math.inf, 0.0, None, None) if wide is None else wide.rest(
                 load, dead=dead, contacts=contacts)
-        ratio = self.scale / size
+        factor, ratio = max(0.0, factor), self.scale / size  # it may be -0
         work = float(np.sum(power * unit)) * size
         near = fixed + factor * (1.0 - 1e-6) * self.scale * unit
         state = self._contacts(near) if contacts else None

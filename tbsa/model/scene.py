@@ -28,7 +28,7 @@ from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from tbsa.errors import InputError
+from tbsa.errors import InputError, at_most
 from tbsa.model.squares import depth, inside, lattice, near
 
 EDGES = ("N", "E", "S", "W")
@@ -625,7 +625,7 @@ def _check_bonds(scene: Scene, magnet: Magnet) -> None:
               f"N, which changes its direction faster than every {p:.3g} s")
     step = scene.solver.step
     _fail(scene, "solver.step", step,
-          f"must be at most {step * math.sqrt(most / turn):.3g} s with magnets"
+          f"must be at most {at_most(step * math.sqrt(most / turn), 3)} s with magnets"
           f" like these{'' if mu >= ROUGH else f' and a friction of {mu:g}'}: bonds "
           f"vibrate, and forces are found every {p:.3g} s, "
           f"{'twice a step' if p < step else 'once a step, as the number of substeps is odd'}")
@@ -662,13 +662,13 @@ def _check_times(scene: Scene) -> None:
         value = getattr(scene.material, name)
         if value * between_forces(scene) > DAMPED:
             _fail(scene, f"material.{name}", value,
-                  f"must be at most {DAMPED / between_forces(scene):g} 1/s, as forces are found "
-                  f"every {between_forces(scene):.3g} s; use a shorter solver.step")
+                  f"must be at most {at_most(DAMPED / between_forces(scene))} 1/s, as forces are "
+                  f"found every {between_forces(scene):.3g} s; use a shorter solver.step")
     if drive is not None and drive.kind in ("unicycle", "shaking"):
         most = 1.0 / (SAMPLES * between_forces(scene))
         if drive.frequency > most * (1.0 + 1e-9):
             _fail(scene, "drive.frequency", drive.frequency,
-                  f"must be at most {most:g} Hz, as the drive is looked at every "
+                  f"must be at most {at_most(most)} Hz, as the drive is looked at every "
                   f"{between_forces(scene):.3g} s and {SAMPLES} times a period at least; "
                   "use a shorter solver.step")
 
@@ -1105,7 +1105,7 @@ class _Reader:
             self.fail("tiles.type", [], "must hold at least one tile type")
         for i, each in enumerate(types):  # by which seed and free tiles are counted
             if message := RULES[TileType]["name"](each.name):
-                self.fail(f"tiles.type[{i}].name", each.name, message)
+                self.fail(f"tiles.type[{i}].name", _as_toml(each.name), message)
         return types
 
     def seed(self, table: Mapping[str, Any], types: tuple[TileType, ...]) -> Seed:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tbsa.errors import InputError
+from tbsa.errors import InputError, at_least
 from tbsa.model.layout import Layout
 from tbsa.model.scene import SHORTEST, Scene, Solver, entries
 from tbsa.model.simulation import Simulation, SimulationError
@@ -90,7 +90,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     steps = [step for step in steps if _takes(scene, replace(scene.solver, step=step))]
     longest = max(steps)
     if not longest <= horizon <= 1e6:
-        raise InputError(f"must be a number from {longest:g} to 1e+06 s", field="horizon",
+        raise InputError(f"must be a number from {at_least(longest)} to 1e+06 s", field="horizon",
                          value=horizon)
     if not 0.0 <= after <= 1e9:
         raise InputError("must be a number from 0 to 1e+09 s", field="after", value=after)

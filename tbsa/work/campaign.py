@@ -124,14 +124,20 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
     Busy
         Where another process is doing some of the same runs.
     RuntimeError
-        Where the workers die again and again.
+        Where the workers die again and again; in a worker that comes to the call again, as a script
+        has no ``if __name__ == "__main__":`` around it.
     TypeError
         Where the executor is none.
     """
     out = Path(out)
-    if executor is not None and not callable(getattr(executor, "submit", None)):
+    if executor is None and getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise RuntimeError("a worker of this campaign's pool has come to the call of campaign() "
+                           "as it read the script: that must stand below "
+                           'if __name__ == "__main__":')
+    if executor is not None and (isinstance(executor, type)
+                                 or not callable(getattr(executor, "submit", None))):
         raise TypeError("executor must be a concurrent.futures.Executor, or have its submit, not "
-                        + type(executor).__name__)
+                        + (executor if isinstance(executor, type) else type(executor)).__name__)
     whole = isinstance(jobs, int | np.integer) and not isinstance(jobs, bool)
     if jobs is not None and not (whole and jobs >= 1):
         raise InputError("must be a whole number and at least 1", field="jobs", value=jobs)
@@ -174,9 +180,12 @@ def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
     Of equally long runs one of each setting comes first, then a second seed of each; and the
     groups take turns.  So what is done halfway is half of each.
     """
+    whole = (isinstance(part, tuple | list) and len(part) == 2
+             and all(isinstance(each, int | np.integer) for each in part))
+    if not whole or not 1 <= part[0] <= part[1]:
+        shown = "/".join(map(str, part)) if whole else part
+        raise InputError("must be I/N, I from 1 to N", field="part", value=shown)
     i, n = part
-    if not 1 <= i <= n:
-        raise InputError("must be I/N, I from 1 to N", field="part", value=f"{i}/{n}")
     place: Counter[tuple[str, ...]] = Counter()
     turns = []
     for each in plan:
@@ -253,7 +262,7 @@ def done_in(path: str | Path, plan: Sequence[Planned]) -> set[str]:
 
 def _check_places(out: Path) -> None:
     """What a campaign writes can be written, as far as can be told beforehand."""
-    for place in (out / "runs", out / LOCKS, out):
+    for place in (out, out / "runs", out / LOCKS):
         if place != out and place.exists() and not place.is_dir():
             raise InputError("must be a folder", file=str(place))
         if not may_be_filled(place):

@@ -35,8 +35,11 @@ if TYPE_CHECKING:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     with _stderr():
-        with told():  # --help
-            arguments = _parser().parse_args(argv)
+        try:
+            with told():  # --help
+                arguments = _parser().parse_args(argv)
+        except KeyboardInterrupt:
+            return 130
         try:
             with told():
                 _check_out(arguments)
@@ -140,9 +143,14 @@ def _check_out(arguments: argparse.Namespace) -> None:
     out: Path | None = getattr(arguments, "out", None)
     # A file is written beside its place first, under a name that is a little longer.
     more = 20 * "_" if arguments.command in (_metrics, _draw, _movie, _view, _export) else ""
+    if out is not None:
+        _check_written(out, more)
+
+
+def _check_written(out: Path, more: str = "") -> None:
+    """A path can be looked up, also with a longer name."""
     try:
-        if out is not None:
-            (out.parent / f"{out.name}{more}").exists()
+        (out.parent / f"{out.name}{more}").exists()
     except OSError as error:
         raise InputError(f"must be a path that can be written: {error.strerror}", field="--out",
                          value=str(out)) from None
@@ -320,6 +328,7 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
+    _check_written(folder)
     again = shlex.join(["tbsa", "run", _operand(folder / "scene.toml"), "--out", _operand(folder),
                         *_given("--duration", arguments.duration),
                         *_given("--threads", arguments.threads, 1), "--resume"])
