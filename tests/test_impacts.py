@@ -26,6 +26,7 @@ from scenes import (
     cloud,
     material,
     momentum,
+    scene,
     simulate,
     state,
     tile,
@@ -1804,3 +1805,42 @@ def test_what_is_seen_between_steps_keeps_energy_and_momentum():
             assert s.kinetic_energy() == pytest.approx(energy, rel=1e-9)
             early += int(s.state.early[0])
     assert early > 20
+
+
+def test_what_the_floor_brakes_before_it_hits_may_be_pushed_on():
+    """Such a corner does not come in the substep, but not because its arc leads past: the solve
+    has to stop it where its neighbours push it on.  Five tiles out of a pressed crowd."""
+    now = np.array([
+        (0.349347, 0.108583, 4.29833, -0.018385, 0.0381567, -0.886782),
+        (0.314793, 0.104293, 1.50530, -0.022523, 0.0636577, -0.895502),
+        (0.380677, 0.126480, 2.53223, -0.00732489, 0.0191305, 0.326305),
+        (0.334560, 0.143954, 2.48429, 0.0, 0.0, 0.0),
+        (0.380152, 0.162113, 4.61220, -0.0105992, 0.0200778, 1.49827)]).T
+    for law in ("separate", "coupled", "exact"):
+        crowd = scene([tile(0.1 * i - 0.2, 0) for i in range(5)],
+                      body=material(friction=0.0, restitution=0.9, restitution_threshold=0.01),
+                      reactor=Reactor("rectangle", width=0.8374361, height=0.3570759, friction=0.0,
+                                      restitution=0.9),
+                      floor=Floor(law=law, linear=2.0), tolerance=1e-5, passes=40,
+                      drive=Drive("constant", (-0.1027484, 0.2818559)))
+        layout = replace(initial_layout(crowd), **dict(zip(
+            ("x", "y", "angle", "vx", "vy", "omega"), now, strict=True)))
+        s = Simulation(crowd, layout)
+        for _ in range(60):
+            s.advance(1)
+            assert deepest(s.x, s.y, s.angle, WIDTH) <= 1e-3  # 0.0007 as they begin
+
+
+@pytest.mark.parametrize("step", [1 / 480, 1 / 1920])
+def test_elastic_tiles_that_begin_close_to_each_other_exchange_their_velocities(step):
+    """A row whose ends come at the middle: those of the first substep, too, hit one by one."""
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        gaps = 10.0 ** rng.uniform(-4.5, -3.0, 2)
+        x = np.cumsum([0.0, WIDTH + gaps[0], WIDTH + gaps[1]])
+        speeds = np.array([rng.uniform(0.1, 2.0), 0.0, -rng.uniform(0.1, 2.0)])
+        s = simulate([tile(each, 0, vx=vx) for each, vx in zip(x, speeds, strict=True)],
+                     body=material(friction=0.0, restitution=1.0), step=step, substeps=4,
+                     tolerance=1e-9)
+        s.run(0.05)  # equal tiles: velocities are exchanged until they are in order
+        np.testing.assert_allclose(s.vx, np.sort(speeds), atol=1e-6)

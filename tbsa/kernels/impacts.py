@@ -1124,8 +1124,9 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
     """
     block, lane, body = row // WIDE, row % WIDE, rows.body
     t = U(block) * BODIES + U(lane)
-    for tile in (body[t], body[t + LANES]):
-        draw(rows, k, loads, v, z, c, s, tile)
+    a, b = U(body[t]), U(body[t + LANES])
+    draw(rows, k, loads, v, z, c, s, a)
+    draw(rows, k, loads, v, z, c, s, b)
     how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, c, s, loads.h, 0.0)
     r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
     leaves = r[i + HIT] == -2.0
@@ -1133,9 +1134,12 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
         put(z.queue, row, meet[0])
         return how, meet
     # The solve stops what comes slowly all the way, and what has not left the face before; what has
-    # been turning on its way to a slow meeting goes on as it does.
-    comes, passes = (r[i + VN0] < -slow or (r[i + COUNT] == 2.0 and r[i + VN1] < -slow),
-                     how == LATER)
+    # been turning on its way to a slow meeting goes on as it does, and so does what its arc leads
+    # past.  What forces and floor brake before does not: others may push it on.
+    (vn0, vn1), two = approach(r, i, v, a, b), r[i + COUNT] == 2.0
+    comes = vn0 < -slow or (two and vn1 < -slow)
+    passes = how == LATER and (r[i + GAP0] + k.h * vn0 <= 0.0
+                               or (two and r[i + GAP1] + k.h * vn1 <= 0.0))
     if (comes and passes) or (not leaves and (comes or passes)):
         fly_on(r, i, k.h)
     r[i + HIT] = 0.0

@@ -27,11 +27,10 @@ from tbsa.kernels.bodies import Numbers, empty_bodies
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, RECTANGLE
-from tbsa.kernels.impacts import empty_scratch
+from tbsa.kernels.impacts import NOWHERE, empty_scratch
 from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
-from tbsa.kernels.projection import SLOP
 from tbsa.kernels.rows import empty_impulses, empty_rows
 from tbsa.model.layout import Layout, check_start, initial_layout
 from tbsa.model.scene import Scene, check_is_scene, engine_path, engine_source
@@ -92,19 +91,20 @@ def _clashes(scene: Scene, layout: Layout) -> bool:
     """Whether tiles come into each other or the wall before anything has looked ahead.
 
     That is in the first half of the first substep, at the velocities that they begin with, and by
-    more than the slop; a run then begins with an eighth of a substep, and looks ahead at once.
+    more than an impact takes for touching; a run then begins with an eighth of a substep, and looks
+    ahead at once.
     """
     body, half = scene.material, 0.5 * scene.solver.step / scene.solver.substeps
     moves = np.where(layout.held, 0.0, half)
     swept = moves * (np.hypot(layout.vx, layout.vy)
                      + math.sqrt(0.5) * body.width * np.abs(layout.omega))
-    most, slop = float(swept.max(initial=0.0)), SLOP * body.width
-    if 2.0 * most <= slop:
+    most, least = float(swept.max(initial=0.0)), NOWHERE * body.width
+    if 2.0 * most <= least:
         return False
     reach = math.sqrt(2.0) * body.width + 2.0 * min(most, body.width)  # faster ones are refused
     i, j = near(layout.x, layout.y, layout.x, layout.y, reach)
     i, j = i[i < j], j[i < j]
-    deepest = np.full(i.size, slop)
+    deepest = np.full(i.size, least)
     for part in np.linspace(0.0, 1.0, 9):  # what passes by a corner, too
         x, y, angle = (layout.x + part * moves * layout.vx, layout.y + part * moves * layout.vy,
                        layout.angle + part * moves * layout.omega)
@@ -112,7 +112,7 @@ def _clashes(scene: Scene, layout: Layout) -> bool:
         if part == 0.0:
             deepest = np.maximum(deepest, deep)
         elif ((deep > deepest).any()
-              or not inside(scene.reactor, body.width, x, y, angle, slop).all()):
+              or not inside(scene.reactor, body.width, x, y, angle, least).all()):
             return True
     return False
 
