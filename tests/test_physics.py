@@ -975,3 +975,65 @@ def test_what_snaps_together_at_the_longest_step_gains_no_energy(friction):
             energy.append(s.kinetic_energy() + magnetic(s.x, s.y, s.angle))
         least = np.minimum.accumulate(energy)
         assert (energy - least).max() < 0.3 * bond
+
+
+def leaning(phi, spin, load, friction):
+    """A tile that slides with one corner on a floor y = 0 and one on a wall x = 0, and its edge
+    between them at an angle phi to the floor, which changes at `spin`.
+
+    Its angular acceleration, both normal forces (N), and the 2 x 2 matrix and the vector of the
+    normal accelerations that they make and meet; all sliding is at `friction` against the motion.
+    """
+    c, s, half, side = math.cos(phi), math.sin(phi), 0.5 * WIDTH, math.copysign(1.0, spin)
+    x = half * (c + s)  # = y
+    floor, wall = np.array([WIDTH * c - x, -x]), np.array([-x, WIDTH * s - x])
+    push_a, push_b = np.array([friction * side, 1.0]), np.array([1.0, -friction * side])
+    cross = [arm[0] * push[1] - arm[1] * push[0] for arm, push in ((floor, push_a), (wall, push_b))]
+    gains = np.array([[*(push / MASS), turn / INERTIA]
+                      for push, turn in zip((push_a, push_b), cross, strict=True)])
+    rates = np.array([[0.0, 1.0, floor[0]], [1.0, 0.0, -wall[1]]])
+    free = np.array([load[0] / MASS, load[1] / MASS, load[2] / INERTIA])
+    meets = rates @ free - spin**2 * np.array([floor[1], wall[0]])
+    matrix = rates @ gains.T
+    normal = np.linalg.solve(matrix, -meets)
+    return -(free + normal @ gains)[2], normal, matrix, meets
+
+
+def slides_on_both(phi, spin, load, friction):
+    """Whether that is the one way in which it can go on: no other set of contacts is consistent."""
+    _, normal, matrix, meets = leaning(phi, spin, load, friction)
+    alone = [(-meets[i] / matrix[i, i], i) for i in range(2)]
+    others = [force > 0.0 and meets[1 - i] + matrix[1 - i, i] * force > 0.0 for force, i in alone]
+    return bool((normal > 4e-3).all() and not any(others) and not (meets >= 0.0).all())
+
+
+@pytest.mark.parametrize("floor", [None, Floor(law="coupled", linear=1e-4)])
+@pytest.mark.parametrize("friction", [0.25, 0.65, 0.8, 0.95])
+def test_a_tile_that_slides_on_two_rough_contacts_goes_as_both_tell(friction, floor):
+    """Each may undo more of what the other has done than that did: passes went in a circle."""
+    rng, size, cases, wrong = np.random.default_rng(5), 0.4, 0, 0
+    while cases < 40:
+        phi, spin = rng.uniform(0.1, 1.45), rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 6.0)
+        load = (0.157 * rng.uniform(-1.2, 0.3), -0.157 * rng.uniform(0.3, 1.2),
+                1e-3 * rng.uniform(-1.0, 1.0))
+        h = 1 / 480
+        gained, ways = 0.0, []
+        for _ in range(3):  # at the middle of the step, which has changed by less than 1 % by then
+            ways += [(phi + 0.5 * h * (spin + 0.25 * gained), spin + 0.5 * gained)]
+            gained = h * leaning(*ways[-1], load, friction)[0]
+        ways += [(phi, spin), (phi + h * (spin + 0.5 * gained), spin + gained)]
+        if not all(0.1 < angle < 1.45 and spin * pace > 0.0
+                   and slides_on_both(angle, pace, load, friction) for angle, pace in ways):
+            continue
+        cases += 1
+        at = 0.5 * WIDTH * (math.cos(phi) + math.sin(phi)) - 0.5 * size
+        pace = 0.5 * WIDTH * (math.cos(phi) - math.sin(phi)) * spin
+        s = simulate([tile(at, at, -phi, pace, pace, -spin)], body=material(
+            friction=friction, restitution=0.0, restitution_threshold=0.01), floor=floor,
+                     reactor=Reactor("rectangle", width=size, height=size, friction=friction,
+                                     restitution=0.0),
+                     drive=Drive("constant", load[:2], load[2]), substeps=4, step=h,
+                     tolerance=1e-5, passes=40)
+        s.advance(1)
+        wrong += abs(-s.omega[0] - spin - gained) > 0.05 * abs(gained)
+    assert wrong <= 1

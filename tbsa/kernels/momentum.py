@@ -47,11 +47,13 @@ from tbsa.kernels.sweeps import (
     MANY,
     gather,
     gather_row,
+    part_of,
     queue,
     queue_changed,
     row_change,
     scatter,
     scatter_row,
+    solve_partly,
     solve_row,
     sweep_rows,
 )
@@ -104,7 +106,7 @@ def go_on(r: np.ndarray, k: int, beta: float, per_mass: float) -> float:
 
 
 @inline
-def sweep_on(rows: Rows, size: int, k: Numbers, v: Bodies, little: float) -> Any:
+def sweep_on(rows: Rows, size: int, k: Numbers, v: Bodies, little: float, part: float) -> Any:
     """One pass over the `size` rows on the list, as `sweep_queue`, without a floor.
 
     Returns the length of the next list, the largest change (m/s) of a row, and how the pass went:
@@ -118,7 +120,8 @@ def sweep_on(rows: Rows, size: int, k: Numbers, v: Bodies, little: float) -> Any
         i = lane_of(q)
         queued[q] = SOLVED
         r[i + FROM0], r[i + FROM1], r[i + FROMT] = r[i + PN0], r[i + PN1], r[i + PT]
-        change = row_change(r, i, k, solve_row(rows, q, k.per_mass, v))
+        change = row_change(r, i, k, solve_row(rows, q, k.per_mass, v) if part == 1.0
+                            else solve_partly(rows, q, k.per_mass, part, v))
         more, further = slope(r, i)
         square += more
         onward += further
@@ -253,12 +256,14 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
             begin_blocks(rows, fresh)
             many, worst = sweep_rows(rows, k, v, YES, crew)
             square, onward = slope_blocks(rows)
-            whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
+            whole = ((k.skip_converged == 0 or MANY * many > rows.first[COLOURS])
+                     and part_of(k, vain > OFTEN) == 1.0)
             found = ZERO if whole else queue_changed(rows, k.n, ZERO, v, little)
             size = ZERO
         else:
             rows.effort[1] += m - size
-            found, worst, square, onward = sweep_on(rows, size, k, v, little)
+            found, worst, square, onward = sweep_on(rows, size, k, v, little,
+                                                    part_of(k, vain > OFTEN))
         settled = worst <= tolerance and beta == 0.0
         age = age + 1 if onward >= 0.0 and square <= before else ZERO
         before = square
@@ -276,7 +281,8 @@ def hasten(rows: Rows, m: int, k: Numbers, v: Bodies, whole: bool, size: int, cr
                 found = go_on_queue(rows, size, found, beta, k, v, little)
             next_queue(rows, size, found, fresh)
             size = found
-            whole = listed and size > rows.first[COLOURS]
+            whole = (listed and size > rows.first[COLOURS]
+                     and part_of(k, vain > OFTEN) == 1.0)
             fresh = fresh or whole  # what was not on the list has no past
         if settled:
             done = p + 1

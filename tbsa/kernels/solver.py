@@ -25,7 +25,9 @@ from tbsa.kernels.momentum import PLAIN, hasten
 from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
 from tbsa.kernels.sweeps import (
     LITTLE,
+    LONG,
     MANY,
+    part_of,
     queue_changed,
     sweep_floor,
     sweep_queue,
@@ -67,12 +69,13 @@ def relax(rows: Rows, m: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.
             if floor.law != 0:
                 sweep_floor(floor, k, c, s, v, crew)
             ends = worst <= k.tolerance or p + 1 == k.passes  # then nobody asks for a list
-            whole = k.skip_converged == 0 or MANY * many > rows.first[COLOURS]
+            whole = ((k.skip_converged == 0 or MANY * many > rows.first[COLOURS])
+                     and part_of(k, p + 1 >= LONG) == 1.0)
             size = 0 if whole or ends else queue_changed(rows, k.n, floor.law, v, little)
         else:
             rows.effort[1] += m - size
-            size, worst = sweep_queue(rows, size, k, floor, c, s, v, little)
-            whole = size > rows.first[COLOURS]
+            size, worst = sweep_queue(rows, size, k, floor, c, s, v, little, part_of(k, p >= LONG))
+            whole = size > rows.first[COLOURS] and part_of(k, p + 1 >= LONG) == 1.0
         copy(rows.then, now, size)
         if worst <= k.tolerance:
             done = p + 1

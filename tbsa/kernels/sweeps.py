@@ -31,7 +31,7 @@ from tbsa.kernels.floor import (
     impulse_of_turn,
     turns,
 )
-from tbsa.kernels.jit import ZERO, U, inline, lane, rolled
+from tbsa.kernels.jit import ZERO, U, apart, inline, lane, rolled
 from tbsa.kernels.manifold import push, solve_lanes
 from tbsa.kernels.rows import (
     ALONE,
@@ -66,6 +66,9 @@ LITTLE = 0.5
 LEFT = 0.5
 # In place of a change: a row has moved the tile by little since its floor has been solved.
 STALE = 1e30
+# Friction above which two contacts that slide on one tile may go to and fro, after how many passes
+# of a solve that is looked for, and what part of its change a row then makes.
+GRIPS, LONG, PART = 0.6, 12, 0.4
 MANY = 16 // WIDE  # rows that are woken by one that has changed, for a block in the time of a row
 
 
@@ -145,6 +148,20 @@ def solve_row(rows: Rows, q: int, per_mass: float, v: Bodies) -> float:
         solve_lanes(r, i, U(1), per_mass, False)
     else:
         solve_lanes(r, i, U(1), per_mass, True)
+    scatter_row(rows, q, vx, vy, w)
+    return float(r[i + CHANGE])
+
+
+@apart
+def solve_partly(rows: Rows, q: int, per_mass: float, part: float, v: Bodies) -> float:
+    """`solve_row`, of whose change only this part is made."""
+    r, vx, vy, w = rows.field, v.vx, v.vy, v.w
+    i = gather_row(rows, q, vx, vy, w)
+    q0, q1, qt, rest = r[i + PN0], r[i + PN1], r[i + PT], 1.0 - part
+    solve_lanes(r, i, U(1), per_mass, True)
+    d0, d1, dt = rest * (q0 - r[i + PN0]), rest * (q1 - r[i + PN1]), rest * (qt - r[i + PT])
+    push(r, i, per_mass, d0, d1, dt)
+    r[i + PN0], r[i + PN1], r[i + PT] = r[i + PN0] + d0, r[i + PN1] + d1, r[i + PT] + dt
     scatter_row(rows, q, vx, vy, w)
     return float(r[i + CHANGE])
 
@@ -413,16 +430,28 @@ def queue_changed(rows: Rows, n: int, floor: int, v: Bodies, little: float) -> i
 
 
 @inline
+def part_of(k: Numbers, late: bool) -> float:
+    """What part of a row's change a pass makes, `late` in a solve.
+
+    Of two contacts that slide on the same tile with a friction above GRIPS, each may undo more of
+    what the other has done than that did.
+    """
+    return PART if late and max(k.mu, k.mu_wall) > GRIPS else 1.0
+
+
+@inline
 def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.ndarray,
-                v: Bodies, little: float) -> Any:
+                v: Bodies, little: float, part: float) -> Any:
     """One pass over the `size` rows on the list, and the floor below the tiles that they move.
+    Of the change of each row this `part` is made.
 
     All rows are solved before the first of them is asked whether it has changed, and so are all
     floors: a processor begins with the next one while it waits for this one, as long as there is
     nothing to guess.
     Friction and normal impulses alternate in a manifold of two points: if it has changed it is on
-    the next list, too.  Floors below what has been moved by little are left for the end, see
-    `sweep_stale`.  Returns the length of the next list, and the largest change (m/s) of a row.
+    the next list, too, and so is one of which a part is left.  Floors below what has been moved by
+    little are left for the end, see `sweep_stale`.  Returns the length of the next list, and the
+    largest change (m/s) of a row.
     """
     body, now, queued, changes = rows.body, rows.now, rows.queued, rows.changes
     moved, stirred, change = v.moved, v.stirred, v.change
@@ -430,7 +459,9 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
     worst = 0.0
     for j in range(size):
         q = now[j]
-        changes[j] = row_change(rows.field, lane_of(q), k, solve_row(rows, q, k.per_mass, v))
+        change_of = (solve_row(rows, q, k.per_mass, v) if part == 1.0
+                     else solve_partly(rows, q, k.per_mass, part, v))
+        changes[j] = row_change(rows.field, lane_of(q), k, change_of)
         worst = max(worst, changes[j])
     for j in range(size):
         q = now[j]
@@ -439,7 +470,7 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
         if changes[j] <= little:
             change[body[t]] = change[body[t + LANES]] = STALE
             continue
-        alone = rows.field[lane_of(q) + COUNT] < 1.5
+        alone = rows.field[lane_of(q) + COUNT] < 1.5 and part == 1.0
         queued[q] = 1 if alone else 0
         for tile in (body[t], body[t + LANES]):
             stirred[tiles] = tile
