@@ -196,7 +196,8 @@ def test_snapshots_show_both_drives_from_begin_to_end(there, data):
         for row in (0, 3):
             k = -1 if row else 0
             size = tbsa.assembly(run.scene, run.layout, run.x[k], run.y[k], run.angle[k]).size
-            assert titles[2 * row + column] == f"{run.time[k]:g} s: {size} tiles"
+            tiles = f"{size} tile{'s' * (size != 1)}"
+            assert titles[2 * row + column] == f"{run.time[k]:g} s: {tiles}"
 
 
 def test_margins_are_those_of_the_run_of_each_drive_that_is_kept(there, data, monkeypatch):
