@@ -68,7 +68,7 @@ LEFT = 0.5
 STALE = 1e30
 # Friction above which two contacts that slide on one tile may go to and fro, after how many passes
 # of a solve that is looked for, and what part of its change a row then makes.
-GRIPS, LONG, PART = 0.6, 12, 0.4
+GRIPS, LONG, PART = 0.6, 12, 0.65
 MANY = 16 // WIDE  # rows that are woken by one that has changed, for a block in the time of a row
 
 
