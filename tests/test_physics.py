@@ -1018,7 +1018,7 @@ def test_a_tile_that_slides_on_two_rough_contacts_goes_as_both_tell(friction, fl
                 1e-3 * rng.uniform(-1.0, 1.0))
         h = 1 / 480
         gained, ways = 0.0, []
-        for _ in range(3):  # at the middle of the step, which has changed by less than 1 % by then
+        for _ in range(3):  # by the middle of the step, which depends on what is gained by then
             ways += [(phi + 0.5 * h * (spin + 0.25 * gained), spin + 0.5 * gained)]
             gained = h * leaning(*ways[-1], load, friction)[0]
         ways += [(phi, spin), (phi + h * (spin + 0.5 * gained), spin + gained)]
