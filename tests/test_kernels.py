@@ -521,9 +521,29 @@ def test_lists_kept_or_found_every_step_give_the_same_bits():
     assert (state(kept) == state(anew)).all()
 
 
+def test_lists_outlast_a_call_but_not_that_tiles_are_moved_in_between():
+    """Who steps one by one, as a controller in Python does, pays for no list more; nothing of a
+    list of other places is used, nor of one that has been made to tell forces."""
+    at_once, one_by_one, anew = (Simulation(with_solver(crowd(), keep_lists=keep))
+                                 for keep in (True, True, False))
+    for s in (at_once, anew):
+        s.advance(200)
+    for _ in range(200):
+        one_by_one.advance(1)
+    assert one_by_one.counts.magnet_lists[0] == at_once.counts.magnet_lists[0] < 150
+    for _ in range(20):
+        for s in (at_once, one_by_one, anew):
+            s.x[[2, 9]], s.y[[2, 9]], s.angle[[2, 9]] = s.x[[9, 2]], s.y[[9, 2]], s.angle[[9, 2]]
+        one_by_one.magnet_forces()
+        for s in (at_once, one_by_one, anew):
+            s.advance(1)
+        assert (state(one_by_one) == state(at_once)).all()
+        assert (state(anew) == state(at_once)).all()
+
+
 def test_magnets_as_far_from_each_other_as_the_cutoff_do_not_depend_on_the_age_of_lists():
     """A bonded block, whose parallel edges are, to rounding, the cut-off apart, while other tiles
-    hit each other and need new lists in the middle of a step; in calls of one step, or of five."""
+    hit each other and need new lists in the middle of a step; listed anew in each, or not."""
     rng = np.random.default_rng(1)
     for _ in range(40):
         angle = rng.uniform(-3.0, 3.0)
@@ -532,14 +552,14 @@ def test_magnets_as_far_from_each_other_as_the_cutoff_do_not_depend_on_the_age_o
         tiles += [tile(0.5 + 2 * WIDTH * i, 0.01 * rng.normal(), rng.uniform(-3.0, 3.0),
                        -i * rng.uniform(0.0, 1.5), spin=3.0 * rng.normal(), kind="white")
                   for i in range(3)]
-        one, five = (simulate(tiles, types=CHESSBOARD, body=material(friction=0.3, restitution=0.5),
-                              magnet=Magnet(cutoff=WIDTH), step=1 / 240, substeps=4, tolerance=1e-9,
-                              passes=200) for _ in range(2))
+        anew, kept = (
+            simulate(tiles, types=CHESSBOARD, body=material(friction=0.3, restitution=0.5),
+                     magnet=Magnet(cutoff=WIDTH), step=1 / 240, substeps=4, tolerance=1e-9,
+                     passes=200, keep_lists=keep) for keep in (False, True))
         for _ in range(10):
-            five.advance(5)
-            for _ in range(5):
-                one.advance(1)
-            assert (state(one) == state(five)).all()
+            anew.advance(5)
+            kept.advance(5)
+            assert (state(anew) == state(kept)).all()
 
 
 @pytest.mark.parametrize(("switch", "counter", "tolerance"), [

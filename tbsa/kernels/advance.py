@@ -201,7 +201,8 @@ class Tiles(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch, rebuilt at will: nothing in it outlives a call of `advance` but the pair list."""
+    """Scratch, rebuilt at will: nothing in it outlives a call of `advance` but the lists of pairs,
+    which tell where they were made."""
 
     pairs: Pairs
     rows: Rows
@@ -1067,7 +1068,6 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
     contacts, magnetic = reach > 0.0 or k.wall != 0, magnets.cutoff > 0.0 and reach > 0.0
     parts, all_ticks, tick = (2 if k.substeps % 2 == 0 else 1), k.substeps * TICKS, k.h / TICKS
     part_length = k.substeps * k.h / parts
-    set_all(work.magnets.margin, n, -1.0)  # nothing is known yet
     set_all(work.turned, n + 1, math.nan)
     set_all(work.mid_turned, n + 1, math.nan)
     set_all(rows.first, np.int64(COLOURS + 1), ZERO)

@@ -428,6 +428,7 @@ class Simulation:
                 self._grow(core.MORE_MAGNETS)
                 build_pairs(self._work.pairs, n, self.x, self.y, all_free, self._reach, none,
                             alone)
+            self._work.magnets.margin[:] = -1.0  # held tiles are among them: not for `advance`
         return fx, fy, torque
 
     def contact_forces(self) -> dict[str, NDArray[Any]]:
