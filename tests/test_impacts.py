@@ -244,6 +244,23 @@ def test_an_impact_goes_through_a_row_at_the_papers_tolerance(where, e):
     assert found[0] == pytest.approx(found[1], abs=0.02)
 
 
+@pytest.mark.parametrize("e", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("far", [1.0, 3.0, 10.0])
+def test_an_impact_goes_as_far_whatever_hits_elsewhere_at_the_same_time(far, e):
+    """At a tolerance of 0.02 m/s, of rows of three that are hit at 0.3 m/s and, 5 m from there and
+    at the same time, as fast as `far` (m/s), the first goes on as if it were alone."""
+    def hit(speed, y):
+        return [tile(-WIDTH - 0.3 * speed * H, y, vx=speed),
+                *(tile(i * WIDTH, y) for i in range(3))]
+
+    alone, both = (simulate(tiles, body=material(restitution=e, friction=MU), tolerance=0.02,
+                            passes=80) for tiles in (hit(0.3, 0.0),
+                                                     hit(0.3, 0.0) + hit(far, 5.0)))
+    for s in (alone, both):
+        s.advance(5)
+    assert state(both)[:, :4] == pytest.approx(state(alone), abs=1e-3)
+
+
 @pytest.mark.parametrize("steps", [1, 10])
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_a_square_that_rocks_under_a_load_loses_what_housner_says(ground, steps):

@@ -143,6 +143,7 @@ class Scratch(NamedTuple):
     time: np.ndarray  # s, when in the substep the impact reaches a row
     in_it: np.ndarray  # int64[n], whether a tile takes part
     tiles: np.ndarray  # int64, the tiles that do
+    pace: np.ndarray  # m/s, the fastest approach of what has reached it
     struck: np.ndarray  # int64, how often one has hit
     island: np.ndarray  # int64, union-find over them
     ux: np.ndarray  # velocities before a phase
@@ -930,6 +931,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             if begun > loads.end:
                 note_early(loads, v, x, y, angle, i)
             z.in_it[i] = 1
+            z.pace[i] = 0.0
             z.tiles[z.size[1]] = i
             z.size[1] += 1
             z.when[i], z.part[i] = 0.0, time / loads.h - 0.5
@@ -957,19 +959,25 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
 
+@lane
+def left_of(k: Numbers, pace: float) -> float:
+    """What a solve leaves of an impact that has come as fast as this (m/s)."""
+    return min(ROUGH * k.tolerance, max(k.tolerance, SPREAD * pace))
+
+
 @inline
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-           angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float, size: int,
-           fine: float, rough: float) -> None:
+           angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
+           size: int) -> None:
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
 
-    Among what hits until nothing changes by more than `fine` (m/s), or what is left, always in the
-    order of the rows, would turn tiles that hit a wall flat; beyond, by more than `rough`, and the
-    contact solve that follows closes that, without restitution.  What rows have already got
-    (``BASE``) has changed the velocities of their tiles, too.
+    Among what hits until nothing changes by more than FINE of how fast that has come, or what is
+    left, always in the order of the rows, would turn tiles that hit a wall flat; beyond, by more
+    than `left_of` that, and the contact solve that follows closes it, without restitution.  What
+    rows have already got (``BASE``) has changed the velocities of their tiles, too.
     """
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
-    mobile, known = v.mobile, z.known
+    mobile, known, pace = v.mobile, z.known, z.pace
     now, then = rows.now, rows.then
     for p in range(k.passes):
         m = 0
@@ -979,12 +987,15 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
             change = solve_row(rows, q, k.per_mass, v)
             if p == 0:
                 change = max(change, r[lane_of(q) + BASE] * r[lane_of(q) + K00])
-            if change <= fine:
-                continue
             t = U(q // WIDE) * BODIES + U(q % WIDE)
+            fastest = max(pace[body[t]], pace[body[t + LANES]])
+            rough = left_of(k, fastest)
+            if change <= min(rough, FINE * fastest):
+                continue
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] == 0.0:
                     continue
+                pace[tile] = fastest
                 for o in range(start[tile], start[tile + 1]):
                     other = of[o]
                     i = lane_of(other)
@@ -1266,17 +1277,17 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     `begun` (s), and of what they reach."""
     r, body = rows.field, rows.body
     z.size[0] = z.size[1] = 0
-    fastest = 0.0
     for j in range(size):
-        at = lane_of(rows.now[j])
-        fastest = max(fastest, -r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
-        enter(rows, rows.now[j], k, v, z, x, y, angle, c, s, loads, begun)
-        z.known[rows.now[j]] = 2
-    rough = min(ROUGH * k.tolerance, max(k.tolerance, SPREAD * fastest))
-    fine = min(rough, FINE * fastest)
+        q = rows.now[j]
+        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        pace = max(-r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
+        enter(rows, q, k, v, z, x, y, angle, c, s, loads, begun)
+        z.known[q] = 2
+        for i in (body[t], body[t + LANES]):
+            z.pace[i] = max(z.pace[i], pace) if v.mobile[i] != 0.0 else 0.0
 
     # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine, rough)
+    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
     note_energy(k, z.ux, z.uy, z.uw, z)
     limit_energy(rows, k, v, z)
 
@@ -1318,7 +1329,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             size += 1
     if size > 0:
         before = z.size[1]
-        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size, fine, rough)
+        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
         for j in range(before, z.size[1]):  # tiles that only this phase has reached
             i = z.tiles[j]
             z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
@@ -1364,8 +1375,8 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             at = lane_of(q)
             if z.in_it[other] != 2 and (every or r[at + GAP0] < far or r[at + COUNT] != 0.0
                                         or r[at + HIT] != 0.0):
-                look_again(rows, q, k, k.threshold + rough, loads, v, z, x, y, angle,
-                           c, s)
+                look_again(rows, q, k, k.threshold + left_of(k, z.pace[i]), loads, v, z, x, y,
+                           angle, c, s)
         z.in_it[i] = 2  # its rows are done
     for j in range(z.size[1]):
         z.in_it[z.tiles[j]] = 0
