@@ -51,6 +51,11 @@ class InputError(ValueError):
         lines = (f"{where}: {what}" if where else what).splitlines()
         super().__init__(printable("\\n".join(lines)))
 
+    def of(self, file: str | None, field: str | None = None) -> InputError:
+        """The same error, of another file and perhaps of another field."""
+        value = {"value": self.value} if hasattr(self, "value") else {}
+        return InputError(self.message, file=file, field=field or self.field, **value)
+
     @property
     def without_file(self) -> str:
         """The sentence without the file's name, which differs between machines."""
@@ -64,7 +69,8 @@ def printable(text: str) -> str:
 
 def _short(value: Any) -> str:
     try:
-        text = repr(value)
+        # A number of NumPy's as the number that it is.
+        text = repr(value.item() if getattr(value, "ndim", 1) == 0 else value)
     except ValueError:  # an integer of more digits than Python prints
         text = "a number of thousands of digits"
     return text if len(text) <= 80 else text[:77] + "..."

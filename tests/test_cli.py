@@ -545,14 +545,15 @@ def test_a_scene_that_is_no_file_is_refused(here, capsys):
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    (["--duration", "-1"], "run.duration: -1.0 must be a number above 0"),
-    (["--duration", "0"], "run.duration: 0.0 must be"),
-    (["--duration", "nan"], "run.duration: nan must be"),
-    (["--duration", "inf"], "run.duration: inf must be"),
-    (["--seed", "-1"], "run.seed: -1 must be an integer from 0"),
+    (["--duration", "-1"], "scene.toml: run.duration, by the command line: -1.0 must be a number"),
+    (["--duration", "0"], "run.duration, by the command line: 0.0 must be"),
+    (["--duration", "nan"], "run.duration, by the command line: nan must be"),
+    (["--duration", "inf"], "run.duration, by the command line: inf must be"),
+    (["--seed", "-1"], "scene.toml: run.seed, by the command line: -1 must be an integer from 0"),
+    (["--set", "drive.force=-1"], "scene.toml, changed by --set: drive.force: -1.0 must be"),
     (["--threads", "0"], "--threads: 0 must be from 1 to "),
     (["--threads", "100000"], "--threads: 100000 must be from 1 to "),
-    (["--seed", str(2**63)], "run.seed: 9223372036854775808 must be"),
+    (["--seed", str(2**63)], "run.seed, by the command line: 9223372036854775808 must be"),
     (["--out", "scene.toml"], "scene.toml: is a file, not a folder"),
     (["--out", "scene.toml/run"], "must be a folder that can be made: Not a directory"),
     (["--out", "."], "must be a new or an empty folder"),

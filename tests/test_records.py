@@ -156,6 +156,9 @@ def test_a_simulation_goes_forward_only_and_to_an_end(scene):
             step.run(seconds)
     with pytest.raises(InputError, match="steps: -1 must be a whole number from 0"):
         step.advance(-1)
+    for text in ("1", b"1", None):
+        with pytest.raises(TypeError):
+            step.run(text)
     step.advance(0)
     assert step.steps == 0
 
@@ -702,12 +705,12 @@ def test_a_drive_is_not_refused_for_its_name(tmp_path):
     ("held", lambda held: held[:1], "must be an array of 31 truth values"),
     ("angle", lambda angle: list(angle), "must be an array of 31 numbers"),
     ("angle", lambda angle: angle - 1e17, r"must be from -1e\+09 to 1e\+09 rad"),
-    ("vx", lambda vx: vx + np.nan, "must be finite numbers")])
+    ("vx", lambda vx: vx + np.nan, "nan must be finite numbers")])
 def test_a_layout_that_does_not_fit_is_refused(name, change, words):
     scene = tbsa.parse(SCENE)
     layout = Simulation(scene).layout
     wrong = replace(layout, **{name: change(getattr(layout, name))})
-    with pytest.raises(InputError, match=rf"^layout\.{name}: .*{words}"):
+    with pytest.raises(InputError, match=rf"^layout\.{name}: (?!np\.).*{words}"):
         Simulation(scene, wrong)
 
 

@@ -384,12 +384,14 @@ class Simulation:
 
         Raises
         ------
+        TypeError
+            Where the time is no number.
         InputError
-            Where the time is negative or not finite; and what :meth:`advance` raises.
+            Where it is negative or not finite; and what :meth:`advance` raises.
         """
         # Whole numbers may be beyond all floats, and so may a number of steps.
         with contextlib.suppress(OverflowError):
-            seconds = float(seconds)
+            seconds = float(+seconds)  # text has no sign
         if not 0.0 <= seconds <= 0.5 * self.h * sys.float_info.max:
             raise InputError("must be a number from 0 s", field="seconds", value=seconds)
         steps = round((seconds + self._rest) / self.h)

@@ -323,10 +323,13 @@ def _run(arguments: argparse.Namespace) -> int:
                                          for text in arguments.settings):
                 raise InputError(f"must be left out where --set gives run.{name}",
                                  field=f"--{name}", value=given)
-        scene = of_run(changed(arguments.config, arguments.settings), arguments.seed,
-                       arguments.duration)
+        scene = changed(arguments.config, arguments.settings)
     else:
-        scene = load(arguments.config, seed=arguments.seed, duration=arguments.duration)
+        scene = load(arguments.config)
+    try:
+        scene = of_run(scene, arguments.seed, arguments.duration)
+    except InputError as error:  # what the file gives has been accepted
+        raise error.of(scene.file, f"{error.field}, by the command line") from None
     folder = arguments.out or Path("runs") / f"{arguments.config.stem}-{scene.run.seed}"
     _check_written(folder)
     again = shlex.join(["tbsa", "run", _operand(folder / "scene.toml"), "--out", _operand(folder),

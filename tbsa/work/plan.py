@@ -181,6 +181,8 @@ def changed(path: str | Path, settings: Sequence[str]) -> Scene:
         return parse(tables, str(path))
     except RecursionError:
         raise InputError("is nested too deeply", file=str(path)) from None
+    except InputError as error:
+        raise error.of(f"{path}, changed by --set") from None
 
 
 class _Reader:
