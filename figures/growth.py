@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from figures._data import CAMPAIGN, DRIVES, LOOKS, done, needed
 from figures.style import BLUE, figure
-from paper_runs.paper import END, SELF
+from paper_runs.paper import DURATION, END, SELF
 from paper_runs.tables import records
 
 DATA = (CAMPAIGN / "table.csv", CAMPAIGN / "curves.csv")
@@ -25,7 +25,7 @@ PANELS = {  # column: label, and the paper's end values
 
 
 def make() -> Figure:
-    """Three panels above each other; the marks at the right edge are the paper's."""
+    """Three panels above each other; the marks at 3600 s are the paper's."""
     folder = DATA[0].parent
     runs = done(folder)
     runs = needed(runs[runs["group"].isin(DRIVES)], "a run that is done")
@@ -33,7 +33,8 @@ def make() -> Figure:
     fig = figure(4.6)
     axes = fig.subplots(3, 1, sharex=True, height_ratios=(1.6, 1, 1))
     end = float(curves["time"].max())
-    handles, top = [], dict.fromkeys(axes, 0.0)
+    compared = end >= DURATION  # what the paper reports is of the end of its runs
+    handles, marks, top = [], [], dict.fromkeys(axes, 0.0)
     for drive, label in DRIVES.items():
         colour, dash, mark = LOOKS[drive]
         rows = curves[curves["group"] == drive]
@@ -48,28 +49,31 @@ def make() -> Figure:
                             alpha=0.18, lw=0)
             # The first few tiles are many per cent each: they do not set the scale.
             later = time >= min(BEGUN, 0.05 * end)
-            top[ax] = max(top[ax], float((mean + spread)[later].max()), reported[drive])
+            ends = [reported[drive]] if compared else []
+            top[ax] = max(top[ax], float((mean + spread)[later].max()), *ends)
             # Unclipped: a curve along zero would lose half its width to the axis.
             line, = ax.plot(time, mean, color=colour, linestyle=dash, zorder=3)
             line.set_clip_on(bool(mean.max() > top[ax]))
-            ax.plot([end], [reported[drive]], mark, markersize=4.5, markerfacecolor="white",
+            ax.plot([DURATION] * len(ends), ends, mark, markersize=4.5, markerfacecolor="white",
                     markeredgecolor=colour, markeredgewidth=1.1, clip_on=False, zorder=5)
         handles.append(Line2D([], [], color=colour, linestyle=dash,
                               label=f"{label} ({number} run{'s' * (number != 1)})"))
-        handles.append(Line2D([], [], color=colour, linestyle="", marker=mark, markersize=4.5,
-                              markerfacecolor="white", label="paper, at 3600 s"))
+        if compared:
+            marks.append(Line2D([], [], color=colour, linestyle="", marker=mark, markersize=4.5,
+                                markerfacecolor="white", label=f"paper, at {DURATION:g} s"))
     for ax, (what, _) in zip(axes, PANELS.values(), strict=True):
         ax.set(ylabel=what, xlim=(0.0, end))
-        high = ax.get_ylim()[1], 160.0
+        high = ax.get_ylim()[1], 160.0 if compared else 0.0
         ax.set_ylim(0.0, max(high if ax is axes[0] else (1.05 * top[ax], 2.0)))
         ax.spines[["top", "right"]].set_visible(False)
-    most = END[SELF]["size"].value  # "more than 130"
-    axes[0].annotate("", (end, most + 0.14 * axes[0].get_ylim()[1]), (end, most),
-                     annotation_clip=False, zorder=4,
-                     arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.1})
+    if compared:
+        most = END[SELF]["size"].value  # "more than 130"
+        axes[0].annotate("", (DURATION, most + 0.14 * axes[0].get_ylim()[1]), (DURATION, most),
+                         annotation_clip=False, zorder=4,
+                         arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.1})
     axes[-1].set_xlabel("time (s)")
     fig.align_ylabels(list(axes))
-    fig.legend(handles=[*handles[::2], *handles[1::2]], ncols=2, loc="outside upper center",
+    fig.legend(handles=[*handles, *marks], ncols=2, loc="outside upper center",
                title="means over the runs; bands: one standard deviation to either side",
                title_fontsize=7)
     return fig

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from figures.style import GREY, figure
 from paper_runs.tables import curves, given
 
 DATA = (MORE_TILES / "table.csv", MORE_TILES / "curves.csv")
-LINES: dict[int, Any] = {550: (0, (1, 1.2)), 1000: (0, (4, 1.5)), 2000: "-"}
+LINES: tuple[Any, ...] = ((0, (1, 1.2)), (0, (4, 1.5)), "-", "-.", (0, (8, 1.5, 1, 1.5, 1, 1.5)))
 FEW = 5  # runs, up to which each has a line of its own instead of a band for all
 
 
@@ -26,6 +27,8 @@ def make() -> Figure:
     parts = by_number(folder, needed(done(folder), "a run that is done"))
     if all((CAMPAIGN / path.name).exists() for path in DATA) and len(rows := done(CAMPAIGN)):
         parts = by_number(CAMPAIGN, rows) + parts
+    numbers = sorted({number for number, _, _ in parts})
+    lines = dict(zip(numbers, cycle(LINES), strict=False))
     fig = figure(4.2)
     axes = fig.subplots(len(DRIVES), 1, sharex=True, height_ratios=(1.7, 1))
     for ax, (drive, label) in zip(axes, DRIVES.items(), strict=True):
@@ -35,7 +38,7 @@ def make() -> Figure:
             if mine.empty:
                 continue
             time, sizes = curves(source, mine, "size")
-            dash, n = LINES.get(number, "-."), len(mine)
+            dash, n = lines[number], len(mine)
             if n > FEW:
                 ax.fill_between(time, sizes.min(axis=0), sizes.max(axis=0), color=colour,
                                 alpha=0.15, lw=0)
@@ -53,7 +56,7 @@ def make() -> Figure:
         ax.spines[["top", "right"]].set_visible(False)
     axes[-1].set_xlabel("time (s)")
     fig.align_ylabels(list(axes))
-    fig.legend(handles=[Line2D([], [], color=GREY, linestyle=LINES.get(number, "-."),
+    fig.legend(handles=[Line2D([], [], color=GREY, linestyle=lines[number],
                                label=f"{number} free tiles") for number, _, _ in parts]
                + [Line2D([], [], color=GREY, label="thick: mean"),
                   Line2D([], [], color=GREY, linewidth=0.5, label="thin: a run"),

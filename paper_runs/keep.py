@@ -206,7 +206,9 @@ def thin(source: Path, target: Path, number: int) -> Path:
             shutil.copyfile(source / name, part / name)
     records = np.load(source / "records.npy", mmap_mode="r")
     chosen = np.unique(np.linspace(0, len(records) - 1, number).round().astype(int))
-    np.save(part / "records.npy", records[chosen])
+    buffer = io.BytesIO()  # np.save loses the end of a file on a full disk without a word
+    np.save(buffer, records[chosen])
+    write_atomically(part / "records.npy", buffer.getvalue())
     shutil.rmtree(target, ignore_errors=True)
     part.rename(target)
     return target

@@ -1108,6 +1108,30 @@ def test_killed_while_it_keeps_the_next_call_makes_it_whole(home, monkeypatch):
     assert kept("kept") == kept("out")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs limits of a process")
+def test_records_that_do_not_fit_on_the_disk_are_not_kept_in_part(home):
+    """However little is missing: the end of what is written may wait in memory until the file is
+    closed, where NumPy does not ask whether that went well."""
+    do("out")
+    arguments = ["out", "kept", "--group", "map", "--records", "37"]
+    assert keep.main(arguments) == 0
+    (records,) = Path("kept/runs").glob("*/*/records.npy")
+    whole = kept("kept") | {"records": records.read_bytes()}
+    import resource
+
+    for short in (1, 100, 400):
+        shutil.rmtree("kept")
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole["records"]) - short, before[1]))
+        try:
+            assert keep.main(arguments) == 2
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert not list(Path("kept").glob("runs/*/*/records.npy"))
+        assert keep.main(arguments) == 0
+        assert kept("kept") | {"records": records.read_bytes()} == whole
+
+
 def test_runs_that_failed_are_kept_until_they_are_done(home):
     do("out")
     rows = pd.read_csv("out/table.csv", dtype=str, keep_default_na=False)

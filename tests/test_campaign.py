@@ -667,6 +667,50 @@ def test_what_an_executor_raises_is_a_failed_run(here):
     assert result.table["message"].iloc[-1] == "RuntimeError: worker died 3 times"
 
 
+def test_a_client_of_dask_is_told_what_of_it_is_an_executor(here):
+    class Client:
+        def submit(self, *_):
+            raise AssertionError
+
+        def get_executor(self, **_):
+            raise AssertionError
+
+    with pytest.raises(TypeError, match=r"client\.get_executor\(pure=False\)"):
+        campaign("campaign.toml", "out", executor=Client())
+    assert not Path("out").exists()
+
+
+def with_own_drive():
+    """A campaign of three runs with a drive in a file of its own; its text."""
+    source = BURST[:BURST.index("    if p")] + "    fx[7] += 0.01\n"
+    Path("burst.py").write_text(source)
+    Path("own.toml").write_text(SCENE[:SCENE.index("[drive]")] + '[drive]\nkind = "user"\n'
+                                'module = "burst.py"\nfunction = "burst"\n'
+                                + SCENE[SCENE.index("[floor]"):])
+    Path("campaign.toml").write_text('scene = "own.toml"\nseeds = [1, 2, 3]\n'
+                                     '[[group]]\nname = "a"\n')
+    return source
+
+
+def test_a_drive_that_is_edited_while_a_campaign_goes_on_ends_what_is_not_begun(here, monkeypatch):
+    """Runs of what was not planned would be in folders of what was."""
+    source, once = with_own_drive(), module.run
+
+    def then_edit(*arguments, **options):
+        outcome = once(*arguments, **options)
+        Path("burst.py").write_text(source + "# edited\n")
+        return outcome
+
+    monkeypatch.setattr(module, "run", then_edit)
+    result = done("campaign.toml", "out")
+    assert (result.done, result.failed, result.left) == (1, 2, 0)
+    messages = result.table["message"][result.table["status"] == "failed"]
+    assert messages.str.contains("drive.module: .* was changed after the campaign was begun").all()
+    Path("burst.py").write_text(source)
+    monkeypatch.setattr(module, "run", once)
+    assert done("campaign.toml", "out", resume=True).done == 3
+
+
 def test_a_disk_that_fills_up_loses_nothing(here, whole):
     left, sync = 12, os.fsync
 
@@ -880,7 +924,7 @@ def worker():
     campaign._in_pool()
     here = Path(sys.argv[1])
     here.joinpath("session").touch()
-    how = campaign.work(campaign.Job(None, here, here / "lock", here / "session"))
+    how = campaign.work(campaign.Job(None, "", here, here / "lock", here / "session"))
     here.joinpath("lives").write_text(how[0])
 
 child = multiprocessing.get_context("fork").Process(target=worker)
@@ -1154,7 +1198,7 @@ def test_a_longer_run_killed_before_its_metrics_does_not_keep_the_old_ones(here,
     folder = Path("out/runs") / each.name
     session = here / "session"
     session.touch()
-    job = module.Job(each.scene, folder, here / "lock", session)
+    job = module.Job(each.scene, each.mark, folder, here / "lock", session)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "read_run", _broken_off)
         assert module.work(job) == ("stopped", "")
@@ -1168,7 +1212,7 @@ def _broken_off(_):
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
-    ("[0.08, 0.1]", "[0.08]", "is a run of the folder, but not of this file any more"),
+    ("[0.08, 0.1]", "[0.08]", "is a run of the folder, but not of this file, with its scenes and"),
     ("8.0", "6.0", "run.duration: 6.0 s is less than the 8 s"),
     ('"run.duration" = 8.0', '"run.duration" = 8.0, "record.interval" = 0.5',
      "record.interval, other colours or another temperature: these have to stay"),

@@ -155,7 +155,9 @@ def test_every_figure_fits_a_column(there):
         assert height < 9.5
 
 
-def test_growth_draws_mean_and_deviation_of_each_drive_and_the_papers_ends(there, data):
+def test_growth_draws_mean_and_deviation_of_each_drive_and_the_papers_ends(there, data,
+                                                                            monkeypatch):
+    monkeypatch.setattr(growth, "DURATION", 4.0)
     curves, table = pd.read_csv(data / "curves.csv"), pd.read_csv(data / "table.csv")
     with style.look():
         axes = growth.make().axes
@@ -173,6 +175,19 @@ def test_growth_draws_mean_and_deviation_of_each_drive_and_the_papers_ends(there
         assert band.min() >= 0.0
     assert [ax.lines[1].get_ydata()[0] for ax in axes] == [130.0, 0.0, 1.5]
     assert [ax.lines[3].get_ydata()[0] for ax in axes] == [35.0, 0.5, 0.0]
+
+
+def test_growth_of_shorter_runs_is_not_compared_with_the_papers(there):
+    with style.look():
+        drawn = growth.make()
+    for ax in drawn.axes:
+        assert [line.get_xdata().size for line in ax.lines[1::2]] == [0, 0]
+        assert ax.get_xlim() == (0.0, 4.0)
+    labels = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert len(labels) == 2
+    assert not any("paper" in label for label in labels)
+    assert drawn.axes[0].get_ylim()[1] < 100.0
+    assert not drawn.axes[0].texts
 
 
 @pytest.mark.skipif(not all(path.exists() for path in growth.DATA), reason="needs the data")

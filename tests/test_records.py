@@ -891,6 +891,81 @@ def test_a_drive_that_a_run_cannot_bear_is_refused_before_it_runs(tmp_path, line
         assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("body", [
+    "a.flat[0] += 1.0", "for b in np.nditer(a): b[()] = 1.0", "deeper(a)",
+    "np.fill_diagonal(np.expand_dims(a, 0), 1.0)"])
+@pytest.mark.parametrize("option", ["", "(cache=True)"])
+def test_a_drives_helper_may_not_write_either(tmp_path, body, option):
+    helpers = (f"import numpy as np\nfrom numba import njit\n@njit{option}\ndef deeper(a):\n"
+               f"    a.flat[0] += 1.0\n@njit{option}\ndef write(a):\n    {body}\n")
+    scene = driven(tmp_path, f"{helpers}{DRIVE}    write(vx)\n")
+    for _ in range(2):  # the second time from the helper's own cache, if it has one
+        with pytest.raises(InputError, match=r"drive.function: .* must not use"):
+            tbsa.run(scene, tmp_path / "run")
+        assert not (tmp_path / "run").exists()
+
+
+def test_a_drive_that_is_edited_while_it_is_compiled_is_no_run(tmp_path, monkeypatch):
+    scene, make = driven(tmp_path, DRIVE), records.Simulation
+
+    def late(*arguments, **options):
+        simulation = make(*arguments, **options)
+        (tmp_path / "push.py").write_text(DRIVE + "# edited\n")
+        return simulation
+
+    monkeypatch.setattr(records, "Simulation", late)
+    with pytest.raises(InputError, match=r"drive\.module: was changed while it was compiled"):
+        tbsa.run(scene, tmp_path / "run")
+    assert not (tmp_path / "run" / "run.json").exists()
+    monkeypatch.setattr(records, "Simulation", make)
+    assert tbsa.run(scene, tmp_path / "run").finished
+
+
+def test_what_is_left_of_a_run_may_be_begun_again_from_its_own_folder(tmp_path, monkeypatch):
+    scene, folder, write = driven(tmp_path, DRIVE), tmp_path / "run", records._write_arrays
+
+    def killed(path, arrays):
+        if path.name == "checkpoint.npz":
+            raise KeyboardInterrupt
+        write(path, arrays)
+
+    monkeypatch.setattr(records, "_write_arrays", killed)
+    with pytest.raises(KeyboardInterrupt):
+        tbsa.run(scene, folder)
+    assert (folder / "drive.py").exists()
+    monkeypatch.setattr(records, "_write_arrays", write)
+    assert tbsa.run(load(folder / "scene.toml"), folder).finished
+    assert (folder / "drive.py").read_text() == DRIVE
+
+
+def test_a_drive_that_is_gone_is_bad_input(tmp_path, monkeypatch):
+    driven(tmp_path, DRIVE)
+    monkeypatch.chdir(tmp_path)
+    scene = load("scene.toml")
+    scene.validate()
+    monkeypatch.chdir("/")
+    with pytest.raises(InputError, match=r"drive.module: 'push.py' cannot be read any more"):
+        tbsa.run(scene, tmp_path / "run")
+
+
+def test_a_forked_child_does_not_keep_its_parents_locks(tmp_path):
+    """As a worker of a pool that outlives its parent."""
+    read, write = os.pipe()
+    with records.locked(tmp_path / "lock"):
+        child = os.fork()
+        if child == 0:  # waits until the lock has been tried
+            os.close(write)
+            os.read(read, 1)
+            os._exit(0)
+    try:
+        with records.locked(tmp_path / "lock", wait=5.0) as alone:
+            assert alone
+    finally:
+        os.close(write)
+        os.waitpid(child, 0)
+        os.close(read)
+
+
 def test_a_drive_that_goes_back_to_python_is_told_so(tmp_path):
     back = "numba.objmode():\n            print(t)\n"
     for source in (f"import numba\n{DRIVE}    with {back}",

@@ -502,6 +502,33 @@ def entry(compiled: Any) -> Any:
     return overloads[0].entry_point if len(overloads) == 1 else compiled
 
 
+def _with_helpers(found: Any, seen: list[Any]) -> list[Any]:
+    """What Numba has noted of a function and of all jitted ones that it calls."""
+    if not any(found is each for each in seen):
+        seen.append(found)
+        for kind in getattr(found, "typemap", {}).values():
+            if isinstance(kind, types.Dispatcher):
+                for overload in kind.dispatcher.overloads.values():
+                    _with_helpers(overload.type_annotation, seen)
+    return seen
+
+
+def _may_write(found: Any) -> bool:
+    """Whether a function does what Numba lets write into what is read-only."""
+    if isinstance(found, str):  # of one that was on disk
+        return re.search(r"attr=flat|nditer|fill_diagonal|function dot", found) is not None
+    kinds, calls = found.typemap, found.calltypes
+    over = [array for kind in kinds.values() for array in (
+        [kind.array_type] if isinstance(kind, types.NumpyFlatType)
+        else kind.arrays if isinstance(kind, types.NumpyNdIterType) else ())]
+    called = [(repr(kinds[call.func.name]), signature.args) for call, signature in calls.items()
+              if getattr(call, "op", "") == "call"]
+    return (any(not getattr(array, "mutable", True) for array in over)
+            or any("function fill_diagonal" in name and not arguments[0].mutable
+                   for name, arguments in called)
+            or any("function dot" in name and len(arguments) == 3 for name, arguments in called))
+
+
 class _OfUser(CFunc):
     """A function of a user's as a callback: its indices are checked, and it can raise anything.
 
@@ -518,15 +545,7 @@ class _OfUser(CFunc):
         result = super()._compile_uncached()  # type: ignore[misc]
         result.library.finalize()  # or the place of its environment is not known
         result.library.codegen.set_env(result.fndesc.env_name, result.environment)
-        kinds, calls = result.type_annotation.typemap, result.type_annotation.calltypes
-        # Numba lets these write into what is read-only.
-        over = [array for kind in kinds.values() for array in (
-            [kind.array_type] if isinstance(kind, types.NumpyFlatType)
-            else kind.arrays if isinstance(kind, types.NumpyNdIterType) else ())]
-        dots = [signature.args for call, signature in calls.items() if getattr(call, "op", "")
-                == "call" and "function dot" in repr(kinds[call.func.name])]
-        self.writes = (any(not getattr(array, "mutable", True) for array in over)
-                       or any(len(arguments) == 3 for arguments in dots))
+        self.writes = any(map(_may_write, _with_helpers(result.type_annotation, [])))
         return result
 
 

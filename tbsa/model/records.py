@@ -550,6 +550,7 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool =
             raise
         yield False
         return
+    _OPEN.add(descriptor)
     try:
         end = time.monotonic() + wait
         while (held := _flock(descriptor)) is not True:
@@ -563,7 +564,21 @@ def locked(path: Path, *, create: bool = True, wait: float = 0.0, needed: bool =
             time.sleep(0.05)
         yield held is True
     finally:
+        _OPEN.discard(descriptor)
         os.close(descriptor)
+
+
+_OPEN: set[int] = set()  # files that this process holds locked
+
+
+def _let_go() -> None:
+    """Of a process that was forked: what its parent holds is not to stay locked after that one."""
+    while _OPEN:
+        os.close(_OPEN.pop())
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
 
 
 def _flock(descriptor: int) -> bool | None:
@@ -637,6 +652,7 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
     check_is_scene(scene)
     scene.validate()
     folder, mark, earlier = Path(folder), fingerprint(scene), 0.0
+    drive = _drive_of(scene)
     if not may_be_filled(folder):
         raise InputError("must be a folder that may be written", file=str(folder))
     with interrupts() as stop:
@@ -652,10 +668,14 @@ def run(scene: Scene, folder: str | Path, *, resume: bool = False, threads: int 
         with locked(folder / "records.npy", create=not resume, needed=False) as alone:
             if resume:
                 simulation, earlier = _resumed(scene, folder, mark, threads)
+            if drive is not None and fingerprint(scene) != mark:
+                raise InputError("was changed while it was compiled: begin again",
+                                 file=scene.file, field="drive.module")
             stop.patient = True
             for path in [] if resume else _check_new(folder, tile_count(scene)):
                 path.unlink(missing_ok=True)
-            return _write_run(folder, simulation, mark, earlier, resume, alone, progress, stop)
+            return _write_run(folder, simulation, drive, mark, earlier, resume, alone, progress,
+                              stop)
 
 
 def _resumed(scene: Scene, folder: Path, mark: str, threads: int) -> tuple[Simulation, float]:
@@ -705,9 +725,9 @@ def _of_scratch(path: Path) -> str:
     return found[1] if found else ""
 
 
-def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, resume: bool,
-               alone: bool, progress: Callable[[Simulation, bool], object] | None,
-               stop: Stop) -> Outcome:
+def _write_run(folder: Path, simulation: Simulation, drive: bytes | None, mark: str,
+               earlier: float, resume: bool, alone: bool,
+               progress: Callable[[Simulation, bool], object] | None, stop: Stop) -> Outcome:
     begin, begun = time.perf_counter(), simulation.time
     scene = simulation.scene
     every = round(scene.record.interval / scene.solver.step)
@@ -744,7 +764,7 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
     try:
         if not resume or (simulation.steps >= end and simulation.steps % every != 0):
             records.append(simulation)
-        _write_scene(folder, scene)
+        _write_scene(folder, scene, drive)
         save()
         chunk, stop.patient = 1, False  # the first call may have to compile for half a minute
         while simulation.steps < end and not stop.asked:
@@ -771,11 +791,17 @@ def _write_run(folder: Path, simulation: Simulation, mark: str, earlier: float, 
     return Outcome(simulation.steps >= end, simulation, time.perf_counter() - begin, begun)
 
 
-def _write_scene(folder: Path, scene: Scene) -> None:
+def _drive_of(scene: Scene) -> bytes | None:
+    """The module of a user's own drive, if there is one."""
+    own = scene.drive is not None and scene.drive.kind == "user"
+    return engine_source(scene) if own else None
+
+
+def _write_scene(folder: Path, scene: Scene, drive: bytes | None) -> None:
     """Write scene.toml, and beside it the module of a user's own drive."""
-    if scene.drive is not None and scene.drive.kind == "user":
-        source = engine_source(scene)
-        write_atomically(folder / "drive.py", source)
+    if drive is not None:
+        assert scene.drive is not None
+        write_atomically(folder / "drive.py", drive)
         scene = replace(scene, drive=replace(scene.drive, module="drive.py"))
     write_atomically(folder / "scene.toml", dumps(scene).encode())
 

@@ -953,7 +953,13 @@ def fingerprint(scene: Scene) -> str:
     """
     drive, module = scene.drive, b""
     if drive is not None and drive.kind == "user":
-        module = engine_source(scene)
+        try:
+            module = engine_source(scene)
+        except OSError as error:  # it was there when the scene was validated
+            raise InputError(f"cannot be read any more, as {engine_path(scene)}: "
+                             f"{error.strerror or error}; a relative path counts from the folder "
+                             "that the process is in now", file=scene.file or None,
+                             field="drive.module", value=drive.module) from None
         drive = replace(drive, module="")
     bare = replace(
         scene, title="", file="", temperature=2, record=Record(), drive=drive,

@@ -151,6 +151,8 @@ class Simulation:
 
     Places and velocities are views, to be read.  To go on from others make another simulation,
     with another layout: what flies at something near is then seen in time, and what is held stays.
+    Its time begins at 0, and so does a drive that depends on time: set `steps` to those that were
+    done by then (``round(time / simulation.h)``), and the drive goes on where it was.
     """
 
     def __init__(self, scene: Scene, layout: Layout | None = None, *, threads: int = 1) -> None:

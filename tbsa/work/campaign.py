@@ -63,7 +63,7 @@ from tbsa.model.records import (
     run,
     write_atomically,
 )
-from tbsa.model.scene import Run, Scene
+from tbsa.model.scene import Run, Scene, fingerprint
 from tbsa.model.simulation import Simulation, SimulationError, cores
 from tbsa.work.plan import Planned, read_plan
 
@@ -138,6 +138,9 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
                                  or not callable(getattr(executor, "submit", None))):
         raise TypeError("executor must be a concurrent.futures.Executor, or have its submit, not "
                         + (executor if isinstance(executor, type) else type(executor)).__name__)
+    if hasattr(executor, "get_executor"):
+        raise TypeError("executor must be a concurrent.futures.Executor: of a dask client that is "
+                        "client.get_executor(pure=False)")
     whole = isinstance(jobs, int | np.integer) and not isinstance(jobs, bool)
     if jobs is not None and not (whole and jobs >= 1):
         raise InputError("must be a whole number and at least 1", field="jobs", value=jobs)
@@ -312,9 +315,9 @@ def _against(plan: list[Planned], stored: dict[str, dict[str, Any]] | None, file
     planned = {each.name: each for each in plan}
     for name, was in stored.items():
         if name not in planned:
-            raise InputError("is a run of the folder, but not of this file any more: put it back, "
-                             "or name another folder (--out)", file=file, field="group",
-                             value=name)
+            raise InputError("is a run of the folder, but not of this file, with its scenes and "
+                             "drives, any more: put back what has changed, or name another folder "
+                             "(--out)", file=file, field="group", value=name)
         each = planned[name]
         if each.kept != was["kept"]:
             raise InputError("was begun with another record.interval, other colours or another "
@@ -496,6 +499,7 @@ class Job(NamedTuple):
     """One run, as a worker gets it."""
 
     scene: Scene
+    mark: str  # its fingerprint, as it was planned
     folder: Path
     lock: Path
     session: Path
@@ -531,6 +535,10 @@ def _run(job: Job) -> bool:
     """Whether the run came to its end."""
     from tbsa.work.metrics import table
 
+    if fingerprint(job.scene) != job.mark:
+        assert job.scene.drive is not None
+        raise InputError("was changed after the campaign was begun: put it back, and go on with "
+                         "--resume", field="drive.module", value=job.scene.drive.module)
     begun = (job.folder / "run.json").exists()
     metrics = job.folder / "metrics.csv"
     if begun:
@@ -585,7 +593,8 @@ def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None
     """Have the runs done; `ended` is told how those ended that did."""
     home = out.resolve()
     todo = {each.name: Job(
-        replace(each.scene, file=str(Path(each.scene.file).resolve())), _folder(home, each),
+        replace(each.scene, file=str(Path(each.scene.file).resolve())), each.mark,
+        _folder(home, each),
         home / LOCKS / each.name.replace("/", "."), session.resolve()) for each in left}
     lives = LIVES
     with bar:

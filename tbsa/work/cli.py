@@ -578,23 +578,25 @@ def _movie(arguments: argparse.Namespace) -> int:
 
 def _view(arguments: argparse.Namespace) -> int:
     from tbsa.model.records import read_run
+    from tbsa.work.metrics import number_of
     from tbsa.work.viewer import view
 
     records = read_run(arguments.run)
     out = arguments.out or arguments.run / "view.html"
     count = view(records, out, begin=arguments.begin, end=arguments.end, every=arguments.every)
-    print(f"{count} records, written to {out}: open it in a browser")
+    print(f"{number_of(count, 'record')}, written to {out}: open it in a browser")
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
     from tbsa.model.records import read_run
     from tbsa.work.export import export
+    from tbsa.work.metrics import number_of
 
     records = read_run(arguments.run)
     out = arguments.out or arguments.run / "run.gsd"
     export(records, out)
-    print(f"{records.time.size} records, written to {out}")
+    print(f"{number_of(records.time.size, 'record')}, written to {out}")
     return 0
 
 

@@ -385,8 +385,10 @@ class _Reader:
             field = error.field or ""
             for name in fields:
                 if field == name or field.startswith((f"{name}[", f"{name}.")):
+                    of = "" if home[name].startswith(f"{where}.") else f", for {where}"
                     self.fail(home[name] + field.removeprefix(name),
-                              f"{error.message} (in {base})", getattr(error, "value", fields[name]))
+                              f"{error.message} (in {base}{of})",
+                              getattr(error, "value", fields[name]))
             self.fail(where, f"does not make a scene of {base}: {error.without_file}")
 
 

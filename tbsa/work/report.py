@@ -309,19 +309,22 @@ def _pattern(scene: Scene) -> list[str]:
         return ["no seed, so nothing to grow from"]
     if scene.magnet is None:
         return ["no magnets, so nothing grows"]
+    from tbsa.work.metrics import number_of  # takes its time
+
     types = scene.types
     growth = ground_truth(scene)
     sites = len(growth.types) - len(growth.seed)
     at = f"at temperature {scene.temperature}"
     if growth.conflict is None:
-        lines = [f"directed {at}: the seed grows by {sites} sites, to one ground truth"]
+        lines = [f"directed {at}: the seed grows by {number_of(sites, 'site')}, "
+                 "to one ground truth"]
     else:
         column, row = growth.conflict.site
         rivals = " or ".join(types[k].name for k in growth.conflict.types)
         lines = [
             f"not directed {at}: site (column {column}, row {row}) can take {rivals};",
             "errors are then the attached tiles that do not match all their neighbours",
-            f"(one of the patterns that can grow has {sites} sites beside the seed's)",
+            f"(one of the patterns that can grow has {number_of(sites, 'site')} beside the seed's)",
         ]
     found = check(types, growth)
     if not found:
