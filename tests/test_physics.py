@@ -1037,3 +1037,62 @@ def test_a_tile_that_slides_on_two_rough_contacts_goes_as_both_tell(friction, fl
         s.advance(1)
         wrong += abs(-s.omega[0] - spin - gained) > 0.05 * abs(gained)
     assert wrong <= 1
+
+
+SIDES = ("wall", "held tiles")
+SOLVERS = {"default": DEFAULT, "paper": {"step": 1 / 120, "substeps": 12, "tolerance": 2e-2,
+                                         "passes": 80, "at_rest": 0.025}}
+
+
+def in_a_channel(sides, force, solver, *, friction=MU, torque=0.0, speed=0.0):
+    """A tile in a channel that is exactly as wide as it is, between walls or rows of held tiles."""
+    held = [tile((k - 17) * WIDTH, side * WIDTH, held=True) for k in range(36) for side in (-1, 1)]
+    wall = Reactor("rectangle", width=2.0, height=WIDTH, friction=friction, restitution=0.0)
+    return simulate([tile(-0.4, 0.0, vx=speed), *(held if sides == "held tiles" else [])],
+                    body=material(friction=friction, restitution=0.0, restitution_threshold=0.01),
+                    reactor=wall if sides == "wall" else None,
+                    drive=Drive("constant", force, torque=torque), **SOLVERS[solver])
+
+
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("friction", [0.05, 0.25, 0.6])
+def test_a_tile_in_a_channel_is_braked_by_what_presses_it_to_one_side(friction, solver, sides):
+    """Not by what its two sides might give each other through it: as in a channel that is wider by
+    however little.  Where the load ends it goes on as it is."""
+    load = 0.05
+    s = in_a_channel(sides, (0.0, -load), solver, friction=friction, speed=1.0)
+    s.run(0.1)
+    slower = friction * load / MASS * 0.1
+    assert 1.0 - s.vx[0] == pytest.approx(slower, rel=0.1)
+    s.parameters[1] = 0.0
+    s.run(0.05)
+    speed = s.vx[0]
+    assert 1.0 - speed == pytest.approx(slower, rel=0.15)
+    s.run(0.2)
+    assert s.vx[0] == pytest.approx(speed, abs=1e-9)
+
+
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("push", [0.003, 0.03])
+def test_a_tile_that_was_pressed_in_a_channel_can_be_pushed_along_it(push, sides):
+    s = in_a_channel(sides, (0.0, -0.1), "default")
+    s.run(0.1)
+    s.parameters[:2] = push, 0.0
+    s.run(0.2)
+    assert s.vx[0] == pytest.approx(push / MASS * 0.2, rel=0.02)
+    forces = s.contact_forces()
+    assert (forces["normal0"] + forces["normal1"]).sum() < 1e-3 * push  # N
+
+
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("push", [0.0, 0.3])
+def test_a_tile_that_a_torque_wedges_in_a_channel_rests_to_the_bit(push, solver, sides):
+    """Under `push` times what the friction of the two corners holds that bear the torque."""
+    torque = 1e-3
+    s = in_a_channel(sides, (push * 2.0 * MU * torque / WIDTH, 0.0), solver, torque=torque)
+    s.run(1.0)
+    before = state(s)[:3].copy()
+    s.run(5.0)
+    assert (state(s)[:3] == before).all()

@@ -108,6 +108,7 @@ from tbsa.kernels.neighbours import Pairs, list_pairs, pairs_from, place_of, sta
 from tbsa.kernels.projection import SLOP, find_deep, part_listed, project
 from tbsa.kernels.rows import (
     ALL,
+    BETWEEN,
     COLOURS,
     LATE,
     NEAR,
@@ -129,6 +130,7 @@ from tbsa.kernels.rows import (
     rows_from,
 )
 from tbsa.kernels.solver import find_scales, limit_work, relax, scale_impulses, work_on
+from tbsa.kernels.squeeze import ease
 from tbsa.kernels.sweeps import (
     apply_blocks,
     apply_impulses,
@@ -993,6 +995,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
     rows.effort[1] += 0 if live else m
     if live or floor.law != 0:
         if live:
+            if rows.size[BETWEEN] > 0:
+                ease(rows, k, v)
             apply_impulses(rows, k.per_mass, v, crew)
         passes = relax(rows, m if live else ZERO, kh, floor, c, s, v, crew)
         last[0] = passes if passes >= 0 else -1 - passes

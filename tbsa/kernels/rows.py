@@ -37,7 +37,7 @@ from tbsa.kernels.crew import (
     give,
     share,
 )
-from tbsa.kernels.geometry import BLUNT, cos_sin, gap_to_wall, off_wall, pair_gap
+from tbsa.kernels.geometry import BLUNT, RECTANGLE, cos_sin, gap_to_wall, off_wall, pair_gap
 from tbsa.kernels.jit import ZERO, U, inline, lane
 from tbsa.kernels.neighbours import Pairs, close_up, first_of, near_place
 
@@ -97,8 +97,9 @@ FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
 ALONE = WALLS + WALL_COLOURS
 COLOURS = ALONE + 1
 # Of the numbers in ``size``: rows that were added within a step, the substep (h/8) that the
-# impulses are for, 0 where there are no rows yet, and how many rows there can be, -1 with a wall.
-LATE, SCALED, ALL, SIZES = 2, 3, 4, 5
+# impulses are for, 0 where there are no rows yet, how many rows there can be, -1 with a wall, and
+# how many tiles are in ``between``.
+LATE, SCALED, ALL, BETWEEN, SIZES = 2, 3, 4, 5, 6
 
 
 # Impulses that differ by less than this part are the same, but for rounding.
@@ -132,11 +133,14 @@ class Rows(NamedTuple):
     new_corner: np.ndarray
     start: np.ndarray  # int64[n + 2], where the rows of every body begin in ...
     of: np.ndarray  # int64, the rows of every mobile tile, each as WIDE block + lane
+    between: np.ndarray  # int64[n + 1], the mobile tiles that are near more than one held body
+    lanes: np.ndarray  # int64[16] and float64[64], scratch of these (squeeze.py)
+    points: np.ndarray
     island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
     colours: np.ndarray  # int64[ALONE], those of the colours that are in use, in order
-    size: np.ndarray  # int64[SIZES], rows, colours in use, and LATE, SCALED and ALL
+    size: np.ndarray  # int64[SIZES], rows, colours in use, and LATE, SCALED, ALL and BETWEEN
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
 
@@ -165,6 +169,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
         capacity, blocks, *lists[0], field[shift : shift + blocks * int(BLOCK)],
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], np.zeros(WIDE * blocks),
         *lists[3], *lists[4],
+        np.zeros(n + 1, np.int64), np.zeros(16, np.int64), np.zeros(64),
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
         np.zeros(ALONE, np.int64),
         np.zeros(SIZES, np.int64), np.zeros(2, np.int64)])
@@ -335,7 +340,7 @@ def add_rows(rows: Rows, pairs: Pairs, k: Numbers, x: np.ndarray, y: np.ndarray,
         if b == n:
             field[U(slot[to]) + ID0], field[U(slot[to]) + ID1] = 2.0 * code, -1.0
         j -= 1
-    index_rows(rows, m + found, n, mobile)
+    index_rows(rows, m + found, k, mobile)
     join_islands(rows.island, na, nb, found, n, mobile)
     return int(found)
 
@@ -452,7 +457,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     begin, end = give(crew, FILL, ZERO, m, LEAST_TILES)
     fill_lanes(rows, k, mobile, begin, end)
     collect(crew)
-    index_rows(rows, m, k.n, mobile)
+    index_rows(rows, m, k, mobile)
     return True
 
 
@@ -497,25 +502,36 @@ def fill_lane(rows: Rows, at: int, t: int, a: int, b: int, k: Numbers, mobile: n
 
 
 @inline
-def index_rows(rows: Rows, m: int, n: int, mobile: np.ndarray) -> None:
-    """List the rows of every mobile tile, in order."""
+def index_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> None:
+    """List the rows of every mobile tile, in order, and the tiles that may be between held ones."""
     ra, rb, slot, start, of, fill = rows.a, rows.b, rows.slot, rows.start, rows.of, rows.used
-    set_all(start, n + 2, ZERO)
+    held, between, corner, some = rows.used, rows.between, rows.corner, ZERO
+    set_all(start, k.n + 2, ZERO)
     for i in range(m):
         start[U(ra[i]) + U(1)] += 1
         start[U(rb[i]) + U(1)] += 1
-    for i in range(n):
+    for i in range(k.n):
         start[i + 1] = start[i] + (start[i + 1] if mobile[i] != 0.0 else 0)
         fill[i] = start[i]
     for i in range(m):
-        a, b, k = U(ra[i]), U(rb[i]), U(slot[i])
-        row = int(k // BLOCK * LANES + k % BLOCK)
+        a, b, o = U(ra[i]), U(rb[i]), U(slot[i])
+        row = int(o // BLOCK * LANES + o % BLOCK)
         if mobile[a] != 0.0:
             of[fill[a]] = row
             fill[a] += 1
         if mobile[b] != 0.0:  # the ground is not
             of[fill[b]] = row
             fill[b] += 1
+    set_all(held, k.n + 1, ZERO)
+    for i in range(m):
+        a, b = ra[i], rb[i]
+        # Neither a round wall presses from two sides, nor what passes corner to corner.
+        faces = k.wall == RECTANGLE if b == k.n else corner[i] == 0
+        tile = a if mobile[a] != 0.0 else b
+        held[tile] += 1 if faces & (mobile[a] * mobile[b] == 0.0) else 0
+        between[some] = tile
+        some += 1 if faces & (mobile[a] * mobile[b] == 0.0) & (held[tile] == 2) else 0
+    rows.size[BETWEEN] = some
 
 
 @lane
