@@ -44,6 +44,9 @@ PART = 1_000_000  # steps times tiles, done in one call of the kernels: what Ctr
 EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
 
 
+NOTHING: Any = contextlib.nullcontext()  # a call for one small step is mostly what Python does
+
+
 class SimulationError(RuntimeError):
     """The state stopped being finite, contacts outgrew their space, or the drive raised: what the
     simulation has come to is not to be trusted, and it does not go on.
@@ -264,13 +267,12 @@ class Simulation:
 
     @contextlib.contextmanager
     def _helped(self) -> Iterator[None]:
-        """With further threads at hand for `advance`, if there are to be any."""
+        """With further threads at hand for `advance`."""
         crew, loads = self._work.crew, (self.state, self.tiles, self.numbers, self.magnets,
                                         self.floor, self._work)
         helpers: list[threading.Thread] = []
-        if self._threads > 1:
-            core.dismiss(crew)
-            core.help_out(1, int(crew.job[0]) - 1, *loads)  # leaves at once: it is compiled now
+        core.dismiss(crew)
+        core.help_out(1, int(crew.job[0]) - 1, *loads)  # leaves at once: it is compiled now
         job = int(crew.job[0])
         try:
             for me in range(1, self._threads):
@@ -279,8 +281,7 @@ class Simulation:
                 helpers.append(helper)
             yield
         finally:
-            if helpers:
-                core.dismiss(crew)
+            core.dismiss(crew)
             for helper in helpers:
                 helper.join()
 
@@ -343,7 +344,8 @@ class Simulation:
             begun, before = self.time, int(self.counts.steps[0])
             part = min(left, max(PART // self.numbers.n, 1))
             try:
-                with _raised() if of_user else contextlib.nullcontext() as raised, self._helped():
+                with (_raised() if of_user else NOTHING as raised,
+                      self._helped() if self._threads > 1 else NOTHING):
                     error, done = self._advance(
                         self.state, self.tiles, self.numbers, self.magnets, self.floor,
                         self.engine, self.parameters, self._work, self.counts, self.steps, part,
