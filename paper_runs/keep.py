@@ -99,14 +99,22 @@ def _tables(folder: Path) -> dict[str, list[Row]]:
 
 def _whole(tables: dict[str, list[Row]]) -> set[str]:
     """The runs that are done and whose curve and wall time are there to the end."""
-    def ends(name: str) -> dict[str, float]:
-        return {row["run"]: _number(row["time"]) for row in tables[name]}
-
+    times: dict[str, list[float]] = {}
+    for row in tables["curves"]:
+        times.setdefault(row["run"], []).append(_number(row["time"]))
+    curve = {run: each[-1] for run, each in times.items() if _even(each)}
+    wall = {row["run"]: _number(row["time"]) for row in tables["wall"]}
     ended = {row["run"]: _number(row.get("time", "")) for row in tables["table"]
              if row["status"] == "done"}
-    curve, wall = ends("curves"), ends("wall")
     return {run for run, time in ended.items()
             if curve.get(run) == time and wall.get(run, -math.inf) >= time}
+
+
+def _even(times: Sequence[float]) -> bool:
+    """Whether no record is missing: one every so often from 0 on, and at the end."""
+    gaps = np.diff(times)
+    return times[0] == 0.0 and bool(len(gaps) == 0 or (
+        np.allclose(gaps[:-1], gaps[0], rtol=1e-6) and 0.0 < gaps[-1] < 1.000001 * gaps[0]))
 
 
 def _number(text: str) -> float:

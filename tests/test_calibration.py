@@ -1090,6 +1090,25 @@ def test_the_records_of_a_group_that_are_kept_stay(home):
     assert [path.parent for path in Path("kept/runs").glob("*/*/records.npy")] == [run]
 
 
+@pytest.mark.parametrize("where", ["source", "kept"])
+@pytest.mark.parametrize("damage", ["gone", "no number"])
+def test_a_curve_that_is_damaged_in_its_middle_is_not_kept(home, where, damage):
+    do("out")
+    whole = kept("out")
+    assert where == "source" or keep.main(["out", "kept"]) == 0
+    path = Path("out" if where == "source" else "kept", "curves.csv")
+    lines = path.read_text().splitlines(keepends=True)
+    name, _, *rest = lines[2].split(",")
+    lines[2] = "" if damage == "gone" else ",".join([name, "?", *rest])
+    path.write_text("".join(lines))
+    assert keep.main(["out", "kept"]) == 0
+    if where == "kept":  # the source is whole
+        assert kept("kept") == whole
+    else:
+        assert name not in pd.read_csv("kept/curves.csv")["run"].tolist()
+        assert len(pd.read_csv("kept/table.csv")) == 4
+
+
 def test_killed_while_it_keeps_the_next_call_makes_it_whole(home, monkeypatch):
     do("out")
     write = keep.write_atomically

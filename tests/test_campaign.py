@@ -772,7 +772,10 @@ def test_a_table_that_cannot_be_read_is_made_anew(here, whole, data):
     lambda text: "", lambda text: text.splitlines()[0] + "\n", lambda text: "words\n",
     lambda text: text.replace("bonds,", "bands,"), lambda text: text.replace(",True,", ",yes,"),
     lambda text: text[:-20], lambda text: text.replace(",", ";"), lambda text: "\0",
-    lambda text: text.replace(",5,", "," + "1" * 5000 + ",")])
+    lambda text: text.replace(",5,", "," + "1" * 5000 + ","),
+    lambda text: "".join(text.splitlines(keepends=True)[:3] + text.splitlines(keepends=True)[4:]),
+    lambda text: "".join(sorted(text.splitlines(keepends=True) * 2)),
+    lambda text: text[:-40] + text[-40:].replace("0", "1", 1)])
 def test_metrics_that_are_damaged_are_made_anew(here, whole, damage):
     shutil.copytree(whole, "out")
     (victim,) = Path("out/runs/other").glob("*/metrics.csv")

@@ -48,7 +48,8 @@ from tbsa.kernels.bodies import Numbers, empty_bodies
 from tbsa.kernels.contacts import look, out_of_reach, place_block
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.geometry import BLUNT, CIRCLE, RECTANGLE
-from tbsa.kernels.neighbours import build_pairs, empty_pairs
+from tbsa.kernels.jit import kernel
+from tbsa.kernels.neighbours import build_pairs, empty_pairs, near_place
 from tbsa.kernels.queue import empty_queue, put, take
 from tbsa.kernels.rows import (
     ALONE,
@@ -106,6 +107,7 @@ PLACES = {
     "far apart": lambda rng, n: rng.uniform(-1e4, 1e4, (2, n)),
     "two far clusters": lambda rng, n: rng.normal(0, 0.03, (2, n)) + np.where(
         rng.random(n) < 0.5, 0.0, 5e3),
+    "a stray": lambda rng, n: rng.normal(0, 0.1, (2, n)) + (np.arange(n) == 0) * 1e12,
     "one place": lambda rng, n: np.full((2, n), 0.4),
     "on the edges of cells": lambda rng, n: rng.integers(-6, 7, (2, n)) * 0.03125,
 }
@@ -124,6 +126,40 @@ def test_the_pair_list_is_every_near_pair_in_order(places, n, seed):
     assert number == len(found)
     assert (pairs.margin == margin).all()
     assert (pairs.x == x).all()
+
+
+@pytest.mark.parametrize("far", [0.0, 1.0, 1e3, 1e6])
+@pytest.mark.parametrize("lost", [1, 1000])
+def test_cells_are_not_crowded_as_some_tiles_are_far_away(lost, far):
+    """Else all tiles near each other were compared with all, eight times as long with 3000."""
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(0.0, 2.0, (2, 2000))
+    x[:lost] += far
+    found, _, pairs = listed(x, y, np.ones(2000), 0.05, 0.01, capacity=40000)
+    cells = pairs.cells[0] * pairs.cells[1]
+    assert np.diff(pairs.first[: cells + 1]).max() < 30
+    assert pairs.first[cells] == 2000
+    apart = np.hypot(x[:, None] - x, y[:, None] - y) < 0.07
+    assert [list(pair) for pair in found] == np.argwhere(np.triu(apart, 1)).tolist()
+    near = np.empty(2000, np.int64)
+    for i in rng.integers(0, 2000, 20):
+        m = near_tiles(pairs, x[i], y[i], 0.07, near)
+        assert set(np.flatnonzero(apart[i])) <= set(near[:m])
+        assert len(set(near[:m])) == m
+
+
+@kernel
+def near_tiles(pairs, x, y, far, found):
+    return near_place(lean(pairs), x, y, far, lean(found))
+
+
+def test_what_damping_leaves_of_velocities_is_nothing_in_the_end():
+    """Not the smallest numbers there are, for which processors take ten times as long."""
+    s = Simulation(scene([tile(vx=1e-140, spin=-1e-148)], step=0.1,
+                         body=material(linear_damping=5.0, angular_damping=5.0)))
+    s.advance(100)  # by e^-50
+    assert s.vx[0] == 0.0
+    assert s.omega[0] == 0.0
 
 
 def test_a_pair_list_that_does_not_fit_says_how_much_it_needs_and_is_not_used():

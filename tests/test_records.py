@@ -844,7 +844,12 @@ def test_an_edited_drive_takes_effect_whatever_its_time_and_length(tmp_path, mon
     (DRIVE + "import sys\nsys.exit(0)\n", "SystemExit: 0"),
     (DRIVE + "raise GeneratorExit\n", "GeneratorExit"),
     (DRIVE + "raise ValueError('two\\nlines')\n", r"ValueError: two\\nlines"),
-    (DRIVE.replace("family[i]", "famly[i]"), "famly")])
+    (DRIVE.replace("family[i]", "famly[i]"), "famly"),
+    (DRIVE + "push = 3\n", "'push' must be a function, .* and is of type int"),
+    (DRIVE + "import functools\npush = functools.lru_cache(push)\n", "or what wraps it"),
+    ("b = bytearray(3)\n" + DRIVE + "    fx[0] += b[0]\n",
+     "it uses a bytearray of its module; what a drive takes"),
+    ("b = {1: 2}\n" + DRIVE + "    fx[0] += b[1]\n", "b is a dict; what a drive takes")])
 def test_what_is_no_drive_is_refused_in_one_line_before_anything_is_written(
         tmp_path, source, words):
     with pytest.raises(InputError, match=words) as caught:

@@ -472,6 +472,13 @@ def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarra
         angle[i] += h * w[i]
 
 
+@lane
+def at_all(number: float) -> float:
+    """A velocity, or 0 for what damping has left of one so small that it is next to no number:
+    processors take ten times as long for those."""
+    return number if abs(number) > 1e-150 else 0.0
+
+
 @rolled
 def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None:
     """Slow these tiles down by these factors, if they do."""
@@ -479,9 +486,9 @@ def damp(begin: int, end: int, linear: float, angular: float, v: Bodies) -> None
         return
     vx, vy, w = v.vx, v.vy, v.w
     for i in range(U(begin), U(end)):
-        vx[i] *= linear
-        vy[i] *= linear
-        w[i] *= angular
+        vx[i] = at_all(linear * vx[i])
+        vy[i] = at_all(linear * vy[i])
+        w[i] = at_all(angular * w[i])
 
 
 @rolled

@@ -713,9 +713,10 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     vt = nx * (vy[b] - vy[a]) - ny * (vx[b] - vx[a]) + bt * w[b] - at * w[a]
     e, mu, round_wall = r[i + E], r[i + MU], b == k.n and k.wall == CIRCLE
     pn, pt = routh(vn, vt, knn, ktt, knt, mu, e)
-    back = 0.5 * (k.h - time) * closing(
+    curve = closing(
         w[a] - ma * ii * (an * pn + at * pt), w[b] + mb * ii * (bn * pn + bt * pt),
         vt + knt * pn + ktt * pt, at, bt, of_a, k.wall_x if round_wall else math.inf)
+    back = 0.5 * (k.h - time) * curve
     stays = is_back(k, e, -e * vn, back, abs(w[a]) + abs(w[b]))
     if stays:
         pn, pt = routh(vn, vt, knn, ktt, knt, mu, 0.0)
@@ -760,6 +761,26 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
                 look_again(rows, row if p < begin else rows.of[p], k, threshold, loads, v, z, x, y,
                            angle, c, s)
         ahead = 0
+    if e == 0.0 and r[i + HIT] == 0.0:
+        gain = (nx * (z.gainx[b] - z.gainx[a]) + ny * (z.gainy[b] - z.gainy[a])
+                + bn * z.gainw[b] - an * z.gainw[a])
+        if k.h * curve < gain:
+            leave_on_arc(rows, row, an, bn, -0.5 * curve, k)
+
+
+@inline
+def leave_on_arc(rows: Rows, row: int, an: float, bn: float, bend: float, k: Numbers) -> None:
+    """The point of a row with these lever arms has been stopped, and leaves along its arc, by
+    `bend` (m/s^2): where its tiles now are it has yet to come, which is not to be stopped again."""
+    r, at = rows.field, lane_of(row)
+    off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
+    off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
+    if r[at + COUNT] == 0.0 or min(off0, off1) > SWEPT * k.width:
+        return
+    if off0 <= off1:
+        r[at + WANT0], r[at + BEND0] = max(r[at + WANT0], -r[at + VN0]), bend
+    else:
+        r[at + WANT1], r[at + BEND1] = max(r[at + WANT1], -r[at + VN1]), bend
 
 
 @inline

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,10 @@ import numpy as np
 from tbsa.kernels.arrays import copy, lean, set_all
 from tbsa.kernels.crew import LEAST_TILES, LINE, PAIRS, Crew, collect, give, share
 from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, rolled
+
+# Cells, up to which they are told apart; and tiles that one has in the cells of all, itself among
+# them, in the mean, with which these are too crowded.
+FARTHEST, CROWDED = 1e9, 8
 
 
 class Pairs(NamedTuple):
@@ -28,7 +33,9 @@ class Pairs(NamedTuple):
     first: np.ndarray  # int64[cells + 1], where the tiles of every cell begin in ...
     inside: np.ndarray  # int64[n]
     corner: np.ndarray  # float64[3], m, the least x and y of the tiles, and the size of a cell
-    cells: np.ndarray  # int64[2], along x and along y
+    # int64[4], how many along x and along y, and the last one of each: where that is beyond, they
+    # come again after so many, a power of two
+    cells: np.ndarray
 
 
 def empty_pairs(n: int, capacity: int) -> Pairs:
@@ -36,8 +43,27 @@ def empty_pairs(n: int, capacity: int) -> Pairs:
     return Pairs(
         np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), capacity, np.zeros(n),
         np.zeros(n), np.full(n, -1.0), np.zeros(int(2.0 * n**0.5 + 4.0) ** 2 + 1, np.int64),
-        np.zeros(n, np.int64), np.zeros(3), np.zeros(2, np.int64),
+        np.zeros(n, np.int64), np.zeros(3), np.zeros(4, np.int64),
     )
+
+
+@lane
+def cell_of(way: float, cell: float) -> int:
+    """The number of the cell so far (m) from the first."""
+    return int(min(max(way / cell, 0.0), FARTHEST))
+
+
+@lane
+def span(way: float, far: float, cell: float, cells: int, last: int) -> Any:
+    """Which of so many cells are within `far` (m) of a place so far from the first: the first of
+    them, how many from there on, and how many more from number 0 on."""
+    low, high = cell_of(way - far, cell), min(cell_of(way + far, cell), last)
+    if cells > last:  # none comes again
+        return low, max(high - low + 1, 0), 0
+    number = min(high - low + 1, cells)
+    first = low & (cells - 1) if number < cells else 0
+    here = min(number, cells - first)
+    return first, max(here, 0), max(number - here, 0)
 
 
 @rolled
@@ -54,6 +80,33 @@ def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -
 
 
 @inline
+def fill_cells(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray) -> int:
+    """Put the tiles into their cells; returns in how much company they are, in sum."""
+    first, inside, cells = pairs.first, pairs.inside, pairs.cells
+    x0, y0, cell = pairs.corner[0], pairs.corner[1], pairs.corner[2]
+    nx, all_cells = cells[0], cells[0] * cells[1]
+    again_x = cells[0] - 1 if cells[0] <= cells[2] else ~ZERO
+    again_y = cells[1] - 1 if cells[1] <= cells[3] else ~ZERO
+    # Counted one cell on, so that filling moves every start to its place.
+    for k in range(all_cells + 1):
+        first[k] = 0
+    for i in range(n):
+        at = (cell_of(x[i] - x0, cell) & again_x) + nx * (cell_of(y[i] - y0, cell) & again_y)
+        if at + 2 <= all_cells:
+            first[at + 2] += 1
+    for k in range(2, all_cells + 1):
+        first[k] += first[k - 1]
+    for i in range(n):
+        at = (cell_of(x[i] - x0, cell) & again_x) + nx * (cell_of(y[i] - y0, cell) & again_y)
+        inside[first[at + 1]] = i
+        first[at + 1] += 1
+    company = 0
+    for k in range(all_cells):
+        company += (first[k + 1] - first[k]) * (first[k + 1] - first[k])
+    return company
+
+
+@inline
 def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
                reach: float, margin: np.ndarray, crew: Crew) -> int:
     """List every pair nearer than the reach and both margins with at least one mobile tile.
@@ -61,7 +114,7 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
     Returns the number of pairs found; where that exceeds the capacity the list is of no use and
     the caller grows it.  -1: a position is not finite.
     """
-    start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
+    start, other, cells = pairs.start, pairs.other, pairs.cells
     room = pairs.room
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
     widest = 0.0
@@ -71,24 +124,23 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
             return -1
         x0, x1, y0, y1 = min(x0, x[i]), max(x1, x[i]), min(y0, y[i]), max(y1, y[i])
     # Cells of half the distance that most tiles need; wider where tiles are scattered far apart,
-    # so that there are never more than a few cells a tile.
+    # so that there are never more than a few cells a tile.  Where these are crowded, as a few tiles
+    # are far from the others, narrow ones that come again and again, as on a floor rolled up.
     cell = max(0.5 * reach, max(x1 - x0, y1 - y0) / (2.0 * np.sqrt(n) + 2.0))
-    nx, ny = int((x1 - x0) / cell) + 1, int((y1 - y0) / cell) + 1
     pairs.corner[0], pairs.corner[1], pairs.corner[2] = x0, y0, cell
-    pairs.cells[0], pairs.cells[1] = nx, ny
-    # Counted one cell on, so that filling moves every start to its place.
-    for k in range(nx * ny + 1):
-        first[k] = 0
-    for i in range(n):
-        at = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
-        if at + 2 <= nx * ny:
-            first[at + 2] += 1
-    for k in range(2, nx * ny + 1):
-        first[k] += first[k - 1]
-    for i in range(n):
-        at = int((x[i] - x0) / cell) + nx * int((y[i] - y0) / cell)
-        inside[first[at + 1]] = i
-        first[at + 1] += 1
+    last_x, last_y = cell_of(x1 - x0, cell), cell_of(y1 - y0, cell)
+    cells[0], cells[1], cells[2], cells[3] = last_x + 1, last_y + 1, last_x, last_y
+    company = fill_cells(pairs, n, x, y)
+    if cell > 0.5 * reach and company > CROWDED * n:
+        cell = 0.5 * reach
+        last_x, last_y = cell_of(x1 - x0, cell), cell_of(y1 - y0, cell)
+        nx = ny = 1
+        while nx * ny <= 2 * n and (nx <= last_x or ny <= last_y):
+            more = nx <= last_x and (nx <= ny or ny > last_y)
+            nx, ny = nx * (2 if more else 1), ny * (1 if more else 2)
+        pairs.corner[2] = cell
+        cells[0], cells[1], cells[2], cells[3] = nx, ny, last_x, last_y
+        fill_cells(pairs, n, x, y)
 
     crew.numbers[0], crew.numbers[1] = reach, widest
     _, end = give(crew, PAIRS, ZERO, n, LEAST_TILES)
@@ -145,24 +197,26 @@ def pairs_from(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
                room: int) -> int:
     """List the pairs of these tiles from place `at` to `room`; returns how many they are."""
     start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
-    x0, y0, cell = pairs.corner[0], pairs.corner[1], pairs.corner[2]
-    nx, ny = pairs.cells[0], pairs.cells[1]
+    x0, y0, cell, cells = pairs.corner[0], pairs.corner[1], pairs.corner[2], pairs.cells
+    nx, ny = cells[0], cells[1]
     found = at
     for a in range(begin, last):
         start[a] = found
         xa, ya, held, far = x[a], y[a], mobile[a] == 0.0, reach + margin[a]
-        left = int(max(xa - x0 - far - widest, 0.0) / cell)
-        right = int(min((xa - x0 + far + widest) / cell, nx - 1.0))
-        for r in range(int(max(ya - y0 - far - widest, 0.0) / cell),
-                       int(min((ya - y0 + far + widest) / cell, ny - 1.0)) + 1):
-            for k in range(first[left + nx * r], first[right + nx * r + 1]):
-                t = U(inside[k])
-                dx, dy = x[t] - xa, y[t] - ya
-                # Written in any case and kept by moving on, as no branch can be foreseen.
-                other[U(min(found, room - 1))] = inside[k]
-                room_ab = far + margin[t]
-                found += ((inside[k] > a) & (dx * dx + dy * dy < room_ab * room_ab)
-                          & (not (held & (mobile[t] == 0.0))))
+        column, columns, again = span(xa - x0, far + widest, cell, nx, cells[2])
+        row, rows, more = span(ya - y0, far + widest, cell, ny, cells[3])
+        for r in range(row, row + rows + more):
+            of_row = nx * (r if r < ny else r - ny)
+            for turn in range(1 if again == 0 else 2):
+                low, high = (column, column + columns) if turn == 0 else (0, again)
+                for k in range(first[of_row + low], first[of_row + high]):
+                    t = U(inside[k])
+                    dx, dy = x[t] - xa, y[t] - ya
+                    # Written in any case and kept by moving on, as no branch can be foreseen.
+                    other[U(min(found, room - 1))] = inside[k]
+                    room_ab = far + margin[t]
+                    found += ((inside[k] > a) & (dx * dx + dy * dy < room_ab * room_ab)
+                              & (not (held & (mobile[t] == 0.0))))
         for k in range(start[a] + 1, min(found, room)):  # in order
             b, j = other[k], k
             while j > start[a] and other[j - 1] > b:
@@ -193,17 +247,18 @@ def near_place(pairs: Pairs, x: float, y: float, far: float, found: np.ndarray) 
     """List, into `found`, the tiles that were in the cells within `far` (m) of a place when the
     pairs were listed; returns how many."""
     first, inside = pairs.first, pairs.inside
-    x0, y0, cell = pairs.corner[0], pairs.corner[1], pairs.corner[2]
-    nx, ny = pairs.cells[0], pairs.cells[1]
+    x0, y0, cell, cells = pairs.corner[0], pairs.corner[1], pairs.corner[2], pairs.cells
+    nx, ny = cells[0], cells[1]
     m = 0
-    if nx == 0:
+    if nx == 0 or not (math.isfinite(x) and math.isfinite(y)):
         return m
-    left, right = max((x - far - x0) / cell, 0.0), min((x + far - x0) / cell, nx - 1.0)
-    low, high = max((y - far - y0) / cell, 0.0), min((y + far - y0) / cell, ny - 1.0)
-    if not (left <= right and low <= high):  # beyond them all, or not a number
-        return m
-    for row in range(int(low), int(high) + 1):
-        for k in range(first[int(left) + nx * row], first[int(right) + nx * row + 1]):
-            found[m] = inside[k]
-            m += 1
+    column, columns, again = span(x - x0, far, cell, nx, cells[2])
+    row, rows, more = span(y - y0, far, cell, ny, cells[3])
+    for r in range(row, row + rows + more):
+        of_row = nx * (r if r < ny else r - ny)
+        for turn in range(1 if again == 0 else 2):
+            low, high = (column, column + columns) if turn == 0 else (0, again)
+            for k in range(first[of_row + low], first[of_row + high]):
+                found[m] = inside[k]
+                m += 1
     return m

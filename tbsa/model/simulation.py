@@ -495,6 +495,10 @@ def _guarded(parameters: tuple[float, ...]) -> Floats:
     return np.array([*parameters, *[math.nan] * 8], float)[: len(parameters)]
 
 
+CONSTANTS = ("what a drive takes from its module must be a number, a text, a tuple of these, a "
+             "NumPy array or a jitted function, and is a constant")
+
+
 def _reason(error: Exception, path: Path) -> str:
     """What is wrong with the drive of this file, and in which line, of a message of many lines
     whose first may say in which pass it was."""
@@ -505,6 +509,12 @@ def _reason(error: Exception, path: Path) -> str:
     if helper := re.match(r"Untyped global name (.+?): .* <class 'function'>", reason):
         reason = (f"{helper[1]} is a function that is not compiled: those that a drive calls must "
                   "be jitted, with @numba.njit")
+    elif found := re.match(r"<numba\S+OverloadSelector object at \w+>, \((\w[\w ]*)", reason):
+        reason = f"it uses a {found[1]} of its module; {CONSTANTS}"
+    elif found := (re.match(r"Untyped global name '(\w+)': .* <class '(?:\w+\.)*(\w+)'>", reason)
+                   or re.match(r"(?=The use of a .*?'(\w+)' in globals)The use of a "
+                               r"(?:reflected )?(\w+)", reason)):
+        reason = f"{found[1]} is a {found[2]}; {CONSTANTS}"
     elif re.match(r"No conversion from .* to none for '\$\w*return_", reason):
         reason = "it must not return anything: it adds to fx, fy and torque"
     elif reason == "must be builtin_function_or_method":  # Numba's word for it
@@ -528,6 +538,11 @@ def _user_function(scene: Scene) -> Callable[..., None]:
         reason = f"{type(error).__name__}: {error}"
         raise InputError(f"cannot be used as a drive: {reason}", file=scene.file,
                          field="drive.module", value=drive.module) from error
+    if not hasattr(function, "__code__"):  # methods and jitted functions have it, too
+        raise InputError("must be a function, as its module leaves it, and is of type "
+                         f"{type(function).__name__}: take away what stands in its place, or what "
+                         "wraps it", file=scene.file, field="drive.function",
+                         value=drive.function)
     if inspect.isgeneratorfunction(function):
         raise InputError("must be a function that returns, not one that yields", file=scene.file,
                          field="drive.function", value=drive.function)

@@ -39,7 +39,8 @@ class Trial:
         Root mean square distance of the points of the free tiles, at the end, from where the run
         with the finest setting has them (widths); with the turn, as an angle times w/sqrt(6).
     overlap : float
-        Deepest overlap of two tiles, one of them free, at any look (widths).
+        Deepest overlap of two tiles, one of them free, at any look, beyond what the two had where
+        the trial begins (widths).
     cost : float
         Wall time for a second of simulated time (s).
     """
@@ -207,20 +208,24 @@ def _run(scene: Scene, solver: Solver, start: Layout, begun: float, horizon: flo
             s.advance(now - done)
             spent += time.perf_counter() - clock
             done = now
-            deepest = max(deepest, _overlap(s))
+            deepest = max(deepest, _overlap(s, start))
         least = min(least, spent)
         if spent > SHORT:
             break
     return _places(s), deepest, least / horizon
 
 
-def _overlap(s: Simulation) -> float:
-    """Deepest overlap of two tiles, one of them free (widths)."""
+def _overlap(s: Simulation, start: Layout) -> float:
+    """Deepest overlap of two tiles, one of them free, beyond what they had at the start (widths).
+
+    What the scene's own solver has left there, below the slop, no other one takes back.
+    """
     width = s.scene.material.width
     i, j = near(s.x, s.y, s.x, s.y, np.sqrt(2.0) * width)
     keep = (i < j) & ~(s.layout.held[i] & s.layout.held[j])
     i, j = i[keep], j[keep]
     if not i.size:
         return 0.0
-    found = depth(width, s.x[j] - s.x[i], s.y[j] - s.y[i], s.angle[i], s.angle[j])
-    return max(0.0, float(found.max()) / width)
+    now, before = (depth(width, each.x[j] - each.x[i], each.y[j] - each.y[i], each.angle[i],
+                         each.angle[j]) for each in (s, start))
+    return max(0.0, float((now - np.maximum(before, 0.0)).max()) / width)

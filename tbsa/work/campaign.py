@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import json
 import math
 import multiprocessing
@@ -395,8 +396,11 @@ def _ended(out: Path, each: Planned) -> tuple[dict[str, Any], list[dict[str, Any
     if (info is None or info.get("fingerprint") != each.mark
             or not _reaches_end(each, info["time"])):
         return None
+    path = _folder(out, each) / "metrics.csv"
     try:
-        rows = _read_csv(_folder(out, each) / "metrics.csv", COLUMNS)
+        if info.get("metrics") != _digest(path.read_bytes()):
+            return None
+        rows = _read_csv(path, COLUMNS)
         whole = abs(rows[-1]["time"] - info["time"]) < 0.5 * each.scene.solver.step
     except (OSError, ValueError, LookupError, ArithmeticError):
         return None
@@ -550,8 +554,16 @@ def _run(job: Job) -> bool:
     records = read_run(job.folder)
     frame = table(records.scene, records.layout, records.time, records.x, records.y,
                   records.angle)
-    write_atomically(metrics, frame.to_csv(index=False).encode())
+    data = frame.to_csv(index=False).encode()
+    write_atomically(metrics, data)
+    path = job.folder / "run.json"  # last: the run is done once it knows its metrics
+    info = json.loads(path.read_text(encoding="utf-8")) | {"metrics": _digest(data)}
+    write_atomically(path, json.dumps(info, indent=1).encode())
     return True
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _message(error: Exception, folder: Path | None = None) -> str:

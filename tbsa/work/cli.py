@@ -14,8 +14,10 @@ import json
 import os
 import re
 import shlex
+import signal
 import stat
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    with _stderr():
+    with _stderr(), _ended() as signals:
         try:
             with told():  # --help
                 arguments = _parser().parse_args(argv)
@@ -55,6 +57,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         except (OSError, RuntimeError) as error:
             _say(f"tbsa: {error}")
             return 1
+        except ImportError:  # NumPy makes one of a Ctrl-C in its own imports
+            if signals:
+                return 130
+            raise
+
+
+@contextlib.contextmanager
+def _ended() -> Iterator[list[int]]:
+    """Have SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that no scratch file stays; gives a
+    list of those that have come."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def note(number: int, _: object) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, note) for number, handler in usual.items()
+              if signal.getsignal(number) is handler}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
