@@ -761,7 +761,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
                 look_again(rows, row if p < begin else rows.of[p], k, threshold, loads, v, z, x, y,
                            angle, c, s)
         ahead = 0
-    if e == 0.0 and r[i + HIT] == 0.0:
+    if e == 0.0 and r[i + HIT] == 0.0:  # if its arc opens faster than forces close it
         gain = (nx * (z.gainx[b] - z.gainx[a]) + ny * (z.gainy[b] - z.gainy[a])
                 + bn * z.gainw[b] - an * z.gainw[a])
         if k.h * curve < gain:

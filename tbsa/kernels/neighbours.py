@@ -250,7 +250,7 @@ def near_place(pairs: Pairs, x: float, y: float, far: float, found: np.ndarray) 
     x0, y0, cell, cells = pairs.corner[0], pairs.corner[1], pairs.corner[2], pairs.cells
     nx, ny = cells[0], cells[1]
     m = 0
-    if nx == 0 or not (math.isfinite(x) and math.isfinite(y)):
+    if nx == 0 or not math.isfinite(x + y + far):
         return m
     column, columns, again = span(x - x0, far, cell, nx, cells[2])
     row, rows, more = span(y - y0, far, cell, ny, cells[3])
