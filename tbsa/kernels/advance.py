@@ -476,7 +476,7 @@ def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarra
 def at_all(number: float) -> float:
     """A velocity, or 0 for what damping has left of one so small that it is next to no number:
     processors take ten times as long for those."""
-    return number if abs(number) > 1e-150 else 0.0
+    return 0.0 if abs(number) <= 1e-150 else number  # what is no number stays
 
 
 @rolled
