@@ -54,8 +54,9 @@ def make() -> Figure:
             # Unclipped: a curve along zero would lose half its width to the axis.
             line, = ax.plot(time, mean, color=colour, linestyle=dash, zorder=3)
             line.set_clip_on(bool(mean.max() > top[ax]))
-            ax.plot([DURATION] * len(ends), ends, mark, markersize=4.5, markerfacecolor="white",
-                    markeredgecolor=colour, markeredgewidth=1.1, clip_on=False, zorder=5)
+            for value in ends:
+                ax.plot([DURATION], [value], mark, markersize=4.5, markerfacecolor="white",
+                        markeredgecolor=colour, markeredgewidth=1.1, clip_on=False, zorder=5)
         handles.append(Line2D([], [], color=colour, linestyle=dash,
                               label=f"{label} ({number} run{'s' * (number != 1)})"))
         if compared:

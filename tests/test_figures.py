@@ -177,11 +177,13 @@ def test_growth_draws_mean_and_deviation_of_each_drive_and_the_papers_ends(there
     assert [ax.lines[3].get_ydata()[0] for ax in axes] == [35.0, 0.5, 0.0]
 
 
+@pytest.mark.filterwarnings("error")
 def test_growth_of_shorter_runs_is_not_compared_with_the_papers(there):
     with style.look():
         drawn = growth.make()
+        drawn.draw_without_rendering()  # laid out
     for ax in drawn.axes:
-        assert [line.get_xdata().size for line in ax.lines[1::2]] == [0, 0]
+        assert len(ax.lines) == 2
         assert ax.get_xlim() == (0.0, 4.0)
     labels = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert len(labels) == 2
