@@ -25,6 +25,7 @@ from tbsa.model.scene import (
 from tbsa.model.simulation import Simulation
 from tbsa.work.bench import Trial, bench, describe, recommend
 from tbsa.work.bench import _layout as start_of
+from tbsa.work.bench import _overlap as new_overlap
 from tbsa.work.bench import _run as trial_run
 from tbsa.work.cli import main
 from tests.benchmarks import accuracy, peers
@@ -141,6 +142,19 @@ def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
     assert abs(y[0]) > WIDTH
     assert overlap == 0.0
     assert cost > 0.0
+
+
+def test_overlap_that_was_there_at_the_start_is_no_settings_own():
+    """What the scene's own solver leaves is below its slop, and stays whatever is tried."""
+    s = Simulation(scene([tile(), tile(WIDTH), tile(3 * WIDTH)]))
+    s.x[1] -= 5e-4 * WIDTH
+    before = replace(s.layout, x=s.x.copy())
+    assert new_overlap(s, s.layout) == pytest.approx(5e-4, rel=1e-6)
+    assert new_overlap(s, before) == 0.0
+    s.x[1] -= 3e-4 * WIDTH
+    assert new_overlap(s, before) == pytest.approx(3e-4, rel=1e-6)
+    s.x[2] = 2 * WIDTH - 1e-3 * WIDTH  # two that were apart
+    assert new_overlap(s, before) == pytest.approx(3e-4, rel=1e-6)
 
 
 def test_the_deviation_is_that_of_the_points_of_a_tile_that_turns_in_place():

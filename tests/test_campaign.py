@@ -243,6 +243,17 @@ def test_a_malformed_campaign_is_refused(here, capsys, text, name, fragment):
     assert sorted(here.rglob("*")) == before
 
 
+def test_what_is_set_for_all_names_the_group_whose_scene_it_does_not_suit(here, capsys):
+    """The value stands at the top of the file, and what it does not go with in one group."""
+    Path("campaign.toml").write_text(
+        'scene = "scene.toml"\nseeds = [1]\nset = {"record.interval" = 0.5}\n'
+        '[[group]]\nname = "a"\n[[group]]\nname = "b"\ngrid = {"solver.step" = [0.003]}\n')
+    assert main(["campaign", "campaign.toml", "--out", "out"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("tbsa: campaign.toml: set.record.interval: 0.5 must be a whole multiple")
+    assert err.endswith("(in scene.toml, for group[1])\n")
+
+
 GROUP = 'scene = "scene.toml"\nseeds = [1]\n[[group]]\nname = "a"\n'
 TILE = '"free.tile" = [[{type = "white", position = [0.0, 0.05]}]]'
 
