@@ -155,7 +155,7 @@ def near_tiles(pairs, x, y, far, found):
 
 def test_what_damping_leaves_of_velocities_is_nothing_in_the_end():
     """Not the smallest numbers there are, for which processors take ten times as long."""
-    s = Simulation(scene([tile(vx=1e-140, spin=-1e-148)], step=0.1,
+    s = Simulation(scene([tile(vx=1e-140, vy=1.0, spin=-1e-148)], step=0.1,
                          body=material(linear_damping=5.0, angular_damping=5.0),
                          drive=Drive("constant", (0.0, 0.01))))
     s.advance(100)  # by e^-50
