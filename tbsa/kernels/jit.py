@@ -578,8 +578,8 @@ def callback(signature: Any, function: Callable[..., Any], guarded: Any) -> Any:
         _OfUser(function, signature).compile()
         raise TypeError("it must not write into anything but fx, fy and torque") from None
     if compiled.writes:
-        raise TypeError("it must not use .flat, np.nditer or a third argument of np.dot, which may "
-                        "write into anything, but for fx, fy and torque")
+        raise TypeError("it must not use .flat, np.nditer, np.fill_diagonal or a third argument of "
+                        "np.dot, which may write into anything, but for fx, fy and torque")
     code = compiled.inspect_llvm()
     if "PySys_FormatStdout" in code:
         raise TypeError("it must not print")

@@ -100,6 +100,8 @@ COLOURS = ALONE + 1
 # impulses are for, 0 where there are no rows yet, how many rows there can be, -1 with a wall, and
 # how many tiles are in ``between``.
 LATE, SCALED, ALL, BETWEEN, SIZES = 2, 3, 4, 5, 6
+# Points of a tile between held bodies that are looked at, two a row.
+POINTS = 16
 
 
 # Impulses that differ by less than this part are the same, but for rounding.
@@ -134,7 +136,7 @@ class Rows(NamedTuple):
     start: np.ndarray  # int64[n + 2], where the rows of every body begin in ...
     of: np.ndarray  # int64, the rows of every mobile tile, each as WIDE block + lane
     between: np.ndarray  # int64[n + 1], the mobile tiles that are near more than one held body
-    lanes: np.ndarray  # int64[16] and float64[64], scratch of these (squeeze.py)
+    lanes: np.ndarray  # int64[POINTS / 2] and float64[4 POINTS], scratch of these (squeeze.py)
     points: np.ndarray
     island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
@@ -169,7 +171,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
         capacity, blocks, *lists[0], field[shift : shift + blocks * int(BLOCK)],
         np.zeros(blocks * int(BODIES), np.int64), *lists[1], *lists[2], np.zeros(WIDE * blocks),
         *lists[3], *lists[4],
-        np.zeros(n + 1, np.int64), np.zeros(16, np.int64), np.zeros(64),
+        np.zeros(n + 1, np.int64), np.zeros(POINTS // 2, np.int64), np.zeros(4 * POINTS),
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
         np.zeros(ALONE, np.int64),
         np.zeros(SIZES, np.int64), np.zeros(2, np.int64)])
@@ -526,11 +528,12 @@ def index_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray) -> None:
     for i in range(m):
         a, b = ra[i], rb[i]
         # Neither a round wall presses from two sides, nor what passes corner to corner.
-        faces = k.wall == RECTANGLE if b == k.n else corner[i] == 0
+        faces = ((k.wall == RECTANGLE if b == k.n else corner[i] == 0)
+                 & (mobile[a] * mobile[b] == 0.0))
         tile = a if mobile[a] != 0.0 else b
-        held[tile] += 1 if faces & (mobile[a] * mobile[b] == 0.0) else 0
+        held[tile] += 1 if faces else 0
         between[some] = tile
-        some += 1 if faces & (mobile[a] * mobile[b] == 0.0) & (held[tile] == 2) else 0
+        some += 1 if faces & (held[tile] == 2) else 0
     rows.size[BETWEEN] = some
 
 

@@ -9,6 +9,7 @@ are those of a space that is wider by however little; what wedges a tile has a t
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from tbsa.kernels.rows import (
     NY,
     PN0,
     PN1,
+    POINTS,
     PT,
     WIDE,
     Rows,
@@ -35,8 +37,8 @@ from tbsa.kernels.rows import (
 )
 from tbsa.kernels.sweeps import speed_of
 
-# Points that are looked at, of a tile's rows whose normals are along one line, to this cosine.
-POINTS, ALONG = 16, 0.999
+# Rows of a tile are looked at whose normals are along one line, to this cosine.
+ALONG = 0.999
 # A squeeze that is less than this part of what presses a tile is left; the larger one of a tile at
 # rest, which each solve would move a little where friction counts on it.
 LITTLE, HALF = 1e-6, 0.5
@@ -111,6 +113,8 @@ def least_squares(points: np.ndarray, size: int) -> float:
         alike = det <= 1e-9 * s * tt  # all at one arm
         push = force / s if alike else (tt * force - st * torque) / det
         turn = 0.0 if alike else (s * torque - st * force) / det
+        if alike and abs(st * push - torque) > LITTLE * math.sqrt(tt) * before:
+            return 0.0  # these alone have another torque
         worst, which, after = 0.0, -1, 0.0
         for m in range(U(size)):
             p = points[ON + m] * (points[WAY + m] * push + points[ARM + m] * turn)
