@@ -26,7 +26,7 @@ from figures import elsewhere, events, families, frequency, growth, more_tiles, 
 from figures import maps as maps_figure
 from figures.__main__ import main as make_figures
 from figures._data import Missing
-from paper_runs import calibrate, intervals, keep, merit, paper, step_study
+from paper_runs import again, calibrate, intervals, keep, merit, paper, step_study
 from paper_runs.calibrate import LAW, Candidate, Point, candidates, points
 from paper_runs.paper import DURATION, LESS, MORE, SELF
 from paper_runs.paper import SHAKING as SHAKEN
@@ -859,17 +859,18 @@ def test_runs_that_are_too_short_reach_nothing(tmp_path):
 
 
 def test_what_is_no_data_is_refused(tmp_path, capsys):
-    for command in (merit, step_study):
+    for command in (merit, step_study, again):
         assert command.main(["--data", str(tmp_path)]) == 2
         assert "table.csv: must be the table of a campaign" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The tables of three campaigns like the paper's, in folders of their names."""
+    """The tables of four campaigns like the paper's, in folders of their names."""
     home = tmp_path_factory.mktemp("whole")
     tables(HERE / "campaign.toml", home / "campaign", like_the_paper)
     tables(HERE / "step.toml", home / "step", stepped(0.0, 5.0))
+    tables(HERE / "again.toml", home / "again", like_the_paper)
     tables(HERE / "calibration.toml", home / "calibration", mapped())
     return home
 
@@ -887,7 +888,7 @@ def column(name, value=None, row=1):
 
 def said(command, data, out, capsys):
     """What a command says of data that it cannot read: one line, code 2, and nothing written."""
-    part = {calibrate: "", merit: "campaign", step_study: "step"}[command]
+    part = {calibrate: "", merit: "campaign", step_study: "step", again: "again"}[command]
     assert command.main(["--data", str(data / part), "--out", str(out)]) == 2
     assert not out.exists()
     output = capsys.readouterr()
@@ -920,6 +921,10 @@ def said(command, data, out, capsys):
     (step_study, "step/table", column("solver.step", 0), "0 must be a number above 0"),
     (step_study, "step/table", column("solver.step", "x"), "'x' must be a number above 0"),
     (step_study, "step/table", column("solver.step", ""), "must not be blank"),
+    (again, "again/table", column("version"), "version: is not there"),
+    (again, "campaign/table", column("version"), "version: is not there"),
+    (again, "again/curves", column("off_lattice"), "off_lattice: must be a column"),
+    (again, "campaign/curves", column("size", "x"), "'x' must be a number"),
     (calibrate, "calibration/table", column("drive.torque"), "drive.torque: is not there"),
     (calibrate, "calibration/table", column("floor.law"), "floor.law: is not there"),
     (calibrate, "calibration/table", column("off_lattice"), "off_lattice: is not there"),
@@ -1024,6 +1029,50 @@ def test_the_step_study_of_few_seeds_says_so(tmp_path):
     text = step_study.report(tmp_path, HERE / "step.toml")
     assert "of 3 seeds only" in text
     assert "12 of 228 planned runs are done" in text
+
+
+# ---------------------------------------------------------------------------------------------
+# The beginning of the campaign, done again.
+
+
+def test_the_campaign_is_begun_again_as_it_was():
+    """The same scenes but for their duration."""
+    long, short = read_plan(HERE / "campaign.toml"), read_plan(HERE / "again.toml")
+    for before, after in zip(long, short, strict=True):
+        run = replace(after.scene.run, duration=before.scene.run.duration)
+        assert replace(after.scene, run=run) == before.scene
+
+
+def test_versions_are_compared_over_the_time_that_they_have_in_common(tmp_path):
+    """A drive that has become another shows, one that has not does not."""
+    def metrics(version):
+        def one(each):
+            seed, later = each.scene.run.seed, 20.0 * version * (each.group == SELF)
+            scatter = 2.0 * ((seed + version) % 7)
+            return ending(each, 100 + later + scatter + 0.02 * each.scene.run.duration,
+                          interval=10.0, slope=0.02)
+        return one
+
+    tables(HERE / "campaign.toml", tmp_path / "campaign", metrics(0), version="0.8.0")
+    tables(HERE / "again.toml", tmp_path / "again", metrics(1), version="9.9.9")
+    text = again.report(tmp_path / "again", HERE / "again.toml")
+    assert "Before: tbsa 0.8.0; again: tbsa 9.9.9." in text
+    rows = {(row[0], row[2]): row for row in again.compare(
+        tmp_path / "again", tmp_path / "campaign")}
+    for drive, same in ((SELF, "no"), (SHAKEN, "yes")):
+        *_, before, now, off, zero = rows[drive, "attached tiles at 300 s"]
+        assert zero == same
+        arms = []
+        for name in ("campaign", "again"):
+            records = pd.read_csv(tmp_path / name / "curves.csv")
+            arms.append(records[(records["time"] == 300.0) & records["run"].str.startswith(
+                f"{drive}/")]["size"])
+        assert (before.value, now.value) == pytest.approx((arms[0].mean(), arms[1].mean()))
+        reference = stats.ttest_ind(arms[1], arms[0], equal_var=False).confidence_interval(0.95)
+        assert (off.low, off.high) == pytest.approx((reference.low, reference.high))
+        late = rows[drive, "attached tiles, mean of the last third"]
+        assert late[4].value == pytest.approx(now.value - 0.02 * 45.0)  # of 210 to 300 s
+    assert rows[SHAKEN, "errors, mean of the last third"][-1] == "yes"
 
 
 # ---------------------------------------------------------------------------------------------
