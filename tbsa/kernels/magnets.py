@@ -108,10 +108,8 @@ class MagnetPairs(NamedTuple):
     hy: np.ndarray
     ax: np.ndarray  # float64[4 n], m, magnets as seen from the tiles' centres
     ay: np.ndarray
-    mx: np.ndarray  # float64[4 n], m, where they are
-    my: np.ndarray
-    gx: np.ndarray  # float64[4 n], N, forces on them
-    gy: np.ndarray
+    m: np.ndarray  # float64[8 n], m, where they are: x and y by turns, which are read together
+    g: np.ndarray  # float64[8 n], N, forces on them, likewise
 
 
 def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> MagnetPairs:
@@ -124,7 +122,7 @@ def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> M
         *lists[:3], *part, *lists[3:], np.zeros(capacity), capacity,
         np.zeros(1, np.int64), np.zeros(n, np.int64), np.zeros(CHUNK, np.int32),
         np.zeros(FEW, np.int32), np.zeros(WAY), *columns(n, [float] * 5),
-        hx, hy, *columns(4 * n, [float] * 6)])
+        hx, hy, *columns(4 * n, [float] * 2), *columns(8 * n, [float] * 2)])
     near.margin[:] = -1.0
     return near
 
@@ -160,19 +158,20 @@ def magnets_stale(near: MagnetPairs, n: int, offset: float, x: np.ndarray, y: np
 def place_magnets(near: MagnetPairs, offset: float, x: np.ndarray, y: np.ndarray,
                   c: np.ndarray, s: np.ndarray, begin: int, end: int) -> None:
     """Where the magnets of these tiles are: N, E, S, W of every one.  No forces on them yet."""
-    ax, ay, mx, my, gx, gy = near.ax, near.ay, near.mx, near.my, near.gx, near.gy
-    for i in range(U(4) * U(begin), U(4) * U(end)):
-        gx[i] = gy[i] = 0.0
+    ax, ay, m, g = near.ax, near.ay, near.m, near.g
+    for i in range(U(8) * U(begin), U(8) * U(end)):
+        g[i] = 0.0
     for i in range(U(begin), U(end)):
         k, cd, sd = U(4) * i, c[i] * offset, s[i] * offset
         ax[k], ay[k] = -sd, cd
         ax[k + U(1)], ay[k + U(1)] = cd, sd
         ax[k + U(2)], ay[k + U(2)] = sd, -cd
         ax[k + U(3)], ay[k + U(3)] = -cd, -sd
-        mx[k], my[k] = x[i] - sd, y[i] + cd
-        mx[k + U(1)], my[k + U(1)] = x[i] + cd, y[i] + sd
-        mx[k + U(2)], my[k + U(2)] = x[i] + sd, y[i] - cd
-        mx[k + U(3)], my[k + U(3)] = x[i] - cd, y[i] - sd
+        k *= U(2)
+        m[k], m[k + U(1)] = x[i] - sd, y[i] + cd
+        m[k + U(2)], m[k + U(3)] = x[i] + cd, y[i] + sd
+        m[k + U(4)], m[k + U(5)] = x[i] + sd, y[i] - cd
+        m[k + U(6)], m[k + U(7)] = x[i] - cd, y[i] - sd
 
 
 @inline
@@ -280,13 +279,13 @@ def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
 def pull(law: MagnetLaw, near: MagnetPairs, portion: int, begin: int, end: int) -> None:
     """The forces of these magnet pairs, into scratch that begins with pair `portion`."""
     mp, mq, strength, hx, hy = near.p, near.q, near.strength, near.hx, near.hy
-    mx, my, fade, beta = near.mx, near.my, law.fade, law.beta
+    m, fade, beta = near.m, law.fade, law.beta
     per_fade = 1.0 / max(law.cutoff - fade, 1e-300)
     for start in range(begin, end, CHUNK):
         o, h, part = U(start), U(start - portion), U(min(end - start, CHUNK))
         for i in range(part):
-            p, q = U(mp[o + i]), U(mq[o + i])
-            hx[h + i], hy[h + i] = mx[q] - mx[p], my[q] - my[p]
+            p, q = U(2) * U(mp[o + i]), U(2) * U(mq[o + i])
+            hx[h + i], hy[h + i] = m[q] - m[p], m[q + U(1)] - m[p + U(1)]
         for i in range(part):  # on its own, so that it vectorises: 1.2 ns a pair instead of 3.5
             rx, ry = hx[h + i], hy[h + i]
             f = pull_of(strength[o + i], math.sqrt(rx * rx + ry * ry), fade, per_fade, beta)
@@ -299,40 +298,38 @@ def react(near: MagnetPairs, begin: int, end: int, along_x: bool, along_y: bool)
 
     Always in the order of the pairs: of two threads each takes a component.
     """
-    mp, mq, hx, hy, gx, gy = near.p, near.q, near.hx, near.hy, near.gx, near.gy
+    mp, mq, hx, hy, g = near.p, near.q, near.hx, near.hy, near.g
     o, part = U(begin), U(end - begin)
-    if along_x and along_y:
+    if along_x and along_y:  # both at once, as they stand together
         for i in range(part):
-            p, q = U(mp[o + i]), U(mq[o + i])
-            gx[p] += hx[i]
-            gy[p] += hy[i]
-            gx[q] -= hx[i]
-            gy[q] -= hy[i]
+            p, q, fx, fy = U(2) * U(mp[o + i]), U(2) * U(mq[o + i]), hx[i], hy[i]
+            px, py = g[p] + fx, g[p + U(1)] + fy
+            g[p], g[p + U(1)] = px, py
+            qx, qy = g[q] - fx, g[q + U(1)] - fy
+            g[q], g[q + U(1)] = qx, qy
     elif along_x:
         for i in range(part):
-            p, q = U(mp[o + i]), U(mq[o + i])
-            gx[p] += hx[i]
-            gx[q] -= hx[i]
+            g[U(2) * U(mp[o + i])] += hx[i]
+            g[U(2) * U(mq[o + i])] -= hx[i]
     elif along_y:
         for i in range(part):
-            p, q = U(mp[o + i]), U(mq[o + i])
-            gy[p] += hy[i]
-            gy[q] -= hy[i]
+            g[U(2) * U(mp[o + i]) + U(1)] += hy[i]
+            g[U(2) * U(mq[o + i]) + U(1)] -= hy[i]
 
 
 @rolled
 def add_up(near: MagnetPairs, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, begin: int,
            end: int) -> None:
     """Add the forces on the magnets of these tiles to those on the tiles."""
-    ax, ay, gx, gy = near.ax, near.ay, near.gx, near.gy
+    ax, ay, g = near.ax, near.ay, near.g
     for i in range(U(begin), U(end)):
-        k = U(4) * i
-        fx[i] += (gx[k] + gx[k + U(1)]) + (gx[k + U(2)] + gx[k + U(3)])
-        fy[i] += (gy[k] + gy[k + U(1)]) + (gy[k + U(2)] + gy[k + U(3)])
-        t = ax[k] * gy[k] - ay[k] * gx[k]
-        t += ax[k + U(1)] * gy[k + U(1)] - ay[k + U(1)] * gx[k + U(1)]
-        t += ax[k + U(2)] * gy[k + U(2)] - ay[k + U(2)] * gx[k + U(2)]
-        t += ax[k + U(3)] * gy[k + U(3)] - ay[k + U(3)] * gx[k + U(3)]
+        k, j = U(4) * i, U(8) * i
+        fx[i] += (g[j] + g[j + U(2)]) + (g[j + U(4)] + g[j + U(6)])
+        fy[i] += (g[j + U(1)] + g[j + U(3)]) + (g[j + U(5)] + g[j + U(7)])
+        t = ax[k] * g[j + U(1)] - ay[k] * g[j]
+        t += ax[k + U(1)] * g[j + U(3)] - ay[k + U(1)] * g[j + U(2)]
+        t += ax[k + U(2)] * g[j + U(5)] - ay[k + U(2)] * g[j + U(4)]
+        t += ax[k + U(3)] * g[j + U(7)] - ay[k + U(3)] * g[j + U(6)]
         torque[i] += t
 
 

@@ -92,7 +92,7 @@ def exchange(law: MagnetLaw, near: MagnetPairs, size: int, time: float, x: np.nd
              torque: np.ndarray) -> None:
     """The same for as many pairs of magnets, those noted in ``far``."""
     p, q, far, r, strength = near.p, near.q, near.far, near.ways, near.strength
-    ax, ay, mx, my, vx, vy, w = near.ax, near.ay, near.mx, near.my, v.vx, v.vy, v.w
+    ax, ay, m, vx, vy, w = near.ax, near.ay, near.m, v.vx, v.vy, v.w
     fade, beta, per_fade = law.fade, law.beta, 1.0 / max(law.cutoff - law.fade, 1e-300)
     most = 0.0
     for k in range(U(size)):
@@ -109,7 +109,8 @@ def exchange(law: MagnetLaw, near: MagnetPairs, size: int, time: float, x: np.nd
         r[k + TURN_AC], r[k + TURN_BC] = turn_a, turn_b
         r[k + STRENGTH] = strength[i]
         # The middle: where it is, and the arms, for the sums to begin with.
-        r[k + FX], r[k + FY] = mx[U(q[i])] - mx[U(p[i])], my[U(q[i])] - my[U(p[i])]
+        at, to = U(2) * U(p[i]), U(2) * U(q[i])
+        r[k + FX], r[k + FY] = m[to] - m[at], m[to + U(1)] - m[at + U(1)]
         r[k + TA], r[k + TB] = (ax[U(p[i])] * r[k + FY] - ay[U(p[i])] * r[k + FX],
                                 ax[U(q[i])] * r[k + FY] - ay[U(q[i])] * r[k + FX])
     for k in range(U(size)):
