@@ -945,6 +945,26 @@ def test_magnet_forces_are_the_sum_over_all_pairs_of_magnets(name, n, cutoff, se
         expected, abs=1e-12 * np.abs(expected).max() + rounding)
 
 
+@pytest.mark.parametrize("cutoff", [1e-4, 0.003, 0.03])
+def test_no_pair_of_magnets_within_the_cutoff_is_missing(cutoff):
+    """Two that are nearer than it by a millionth of it, anyhow, 300 times.  Lists are made in single
+    precision, which rounds the more of a cut-off the smaller that is beside the tile."""
+    chosen = scene([tile(3 * i * WIDTH, 0, kind="black") for i in range(2)], types=CHESSBOARD,
+                   magnet=Magnet(cutoff=cutoff, inset=0.4 * cutoff), step=1e-6)
+    s, d, random = Simulation(chosen), 0.5 * WIDTH - 0.4 * cutoff, np.random.default_rng(1)
+    near = s._work.magnets
+    for _ in range(300):
+        s.angle[:] = random.uniform(-7.0, 7.0, 2)
+        edges = random.integers(0, 4, 2)
+        arms = d * np.exp(1j * (s.angle + 0.5 * np.pi * (1 - edges)))
+        apart = (1.0 - 1e-6) * cutoff * np.exp(1j * random.uniform(0.0, 2.0 * np.pi))
+        s.x[:], s.y[:] = (0.0, (arms[0] + apart - arms[1]).real), (
+            0.0, (arms[0] + apart - arms[1]).imag)
+        s.magnet_forces()
+        listed = slice(near.size[0])
+        assert (edges[0], 4 + edges[1]) in set(zip(near.p[listed], near.q[listed], strict=True))
+
+
 @pytest.mark.parametrize("cutoff", [0.03, 0.07])
 @pytest.mark.parametrize("step", [1 / 30, 1 / 240])
 def test_the_forces_on_what_turns_far_are_the_mean_of_its_way(cutoff, step):

@@ -153,7 +153,8 @@ def set_all(target: np.ndarray, n: int, value: float) -> None:
 
 
 def columns(length: int, kinds: list[type]) -> list[np.ndarray]:
-    """Zeroed arrays of one length, one a kind (float or int), laid out against cache conflicts.
+    """Zeroed arrays of one length, one a kind (float, int or that of NumPy), laid out against cache
+    conflicts.
 
     Arrays that each begin on a page of their own fall into the same few sets of the first-level
     cache when they are walked together; here each begins three cache lines further on.
@@ -161,5 +162,4 @@ def columns(length: int, kinds: list[type]) -> list[np.ndarray]:
     stride = -(-length // 512) * 512 + 24
     block = np.zeros(stride * len(kinds))
     parts = [block[i * stride : i * stride + length] for i in range(len(kinds))]
-    return [part.view(np.int64) if kind is int else part
-            for part, kind in zip(parts, kinds, strict=True)]
+    return [part.view(np.dtype(kind))[:length] for part, kind in zip(parts, kinds, strict=True)]
