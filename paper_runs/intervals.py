@@ -168,11 +168,13 @@ def percent(counts: ArrayLike, sizes: ArrayLike, clump: float = 1.0) -> Estimate
     :func:`sparse`.
 
     What is counted comes at least `clump` at a time: without any, the truth may be higher by that.
-    Runs of size 0 have no percentage and are left out.
+    Runs of size 0 have no percentage and are left out.  An interval ends at 100 %, or at the value
+    if that is more.
     """
     count, size = np.asarray(counts, dtype=float), np.asarray(sizes, dtype=float)
     count, size = count[size > 0], size[size > 0]
-    return sparse(100.0 * count / size, 100.0 * clump / size.min() if len(size) else 0.0)
+    found = sparse(100.0 * count / size, 100.0 * clump / size.min() if len(size) else 0.0)
+    return found._replace(high=min(found.high, max(100.0, found.value)))
 
 
 def together(counts: ArrayLike) -> float:

@@ -275,6 +275,11 @@ def test_runs_in_which_nothing_is_attached_have_no_percentage():
     assert math.isnan(intervals.percent([0], [0]).value)
 
 
+def test_no_more_than_all_tiles_of_an_assembly_are_errors():
+    assert intervals.percent([0], [1])[:3] == (0.0, 0.0, 100.0)  # not 369 %, a Poisson count's
+    assert intervals.percent([0, 3], [4, 5], 3.0).high == 100.0
+
+
 @pytest.mark.parametrize(("rate", "n"), [(0.01, 36), (0.3, 36), (0.02, 8)])
 def test_an_interval_of_per_cent_covers_the_truth_as_often_as_it_says(rate, n, monkeypatch):
     monkeypatch.setattr(intervals, "RESAMPLES", 400)

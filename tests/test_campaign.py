@@ -1391,6 +1391,27 @@ def test_any_executor_will_do(here, whole):
     assert tables("out") == tables(whole)
 
 
+def test_ctrl_c_ends_all_that_an_executor_does_on_the_spot(here, monkeypatch):
+    class Inline(Executor):
+        def submit(self, function, *arguments):
+            future = Future()
+            future.set_result(function(*arguments))
+            return future
+
+    begun = []
+
+    def interrupted(scene, folder, *, progress, **options):
+        begun.append(folder)
+        return records.run(scene, folder, **options,
+                           progress=lambda *_: signal.raise_signal(signal.SIGINT))
+
+    monkeypatch.setattr(module, "run", interrupted)
+    result = campaign("campaign.toml", "out", executor=Inline())
+    assert (result.done, result.failed, result.left, len(begun)) == (0, 0, 5, 1)
+    monkeypatch.setattr(module, "run", records.run)
+    assert campaign("campaign.toml", "out", executor=Inline(), resume=True).done == 5
+
+
 def test_an_executor_of_ones_own_is_not_shut_down(here):
     with ThreadPoolExecutor(1) as pool:
         campaign("campaign.toml", "out", executor=pool)

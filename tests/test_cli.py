@@ -24,7 +24,7 @@ from tbsa.model import records, simulation
 from tbsa.work import bench as benches
 from tbsa.work import campaign as campaigns
 from tbsa.work import cli, metrics
-from tbsa.work.cli import main
+from tbsa.work.cli import code_of, main
 from tbsa.work.plan import changed
 from theory.floor import MEAN_DISTANCE
 from theory.magnets import Law, force
@@ -248,6 +248,11 @@ def test_ctrl_c_while_the_words_are_read_ends_without_a_word(capsys, monkeypatch
     monkeypatch.setattr(cli, "_parser", interrupt)
     assert main(["check", "scene.toml"]) == 130
     assert capsys.readouterr().err == ""
+
+
+def test_ctrl_c_ends_other_commands_without_a_word(capsys):
+    assert code_of(lambda: signal.raise_signal(signal.SIGINT)) == 130
+    assert capsys.readouterr() == ("", "")
 
 
 def test_a_scene_whose_name_leaves_no_room_for_that_of_its_run_is_told_of(here, capsys):

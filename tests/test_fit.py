@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import math
 import os
 import re
 from dataclasses import replace
@@ -392,6 +393,27 @@ def test_a_known_amplitude_leaves_the_best_starts_among_those_that_are_followed(
 FAR = np.array([[20, 36.25, 0.72], [23.33, 19.48, 0.4], [27.22, 10.61, 0.22], [31.75, 5.659, 0.12],
                 [37.03, 3.26, 0.066], [43.2, 1.833, 0.036], [50.4, 0.9726, 0.019],
                 [58.79, 0.5328, 0.011], [68.58, 0.2916, 0.0057], [80, 0.152, 0.0031]]) * 1e-3
+
+
+def test_many_points_are_fitted_as_few_are():
+    """Starts are compared by means of neighbours; what is followed to the end is all points."""
+    rng = np.random.default_rng(6)
+    d = rng.uniform(4e-3, 30e-3, 3 * fitting.ENOUGH)
+    made = models("gap")
+    true = made["cylinder"].force(d, 1.2, 4e-3, 3e-3)
+    sd = true * rng.uniform(0.01, 0.1, d.size)
+    force = true + sd * rng.standard_normal(d.size)
+    for name in ("cylinder", "power"):
+        found = fit(made[name], d, force, sd)
+        assert found.force.size == d.size
+        assert found.chi2 <= (1 + 1e-9) * min(
+            fit(made[name], d, force, sd, starts=1).chi2,
+            fitting._solve(replace(found, values=found.values * 1.05)).chi2)
+    means = fitting._means(found)
+    assert means.force.size == fitting.ENOUGH
+    assert np.sum(means.weight**2) == pytest.approx(np.sum(found.weight**2))
+    assert means.chi2 < found.chi2
+    assert fitting._means(means) is means
 
 
 def test_the_least_of_several_minima_is_found():
@@ -846,14 +868,53 @@ def test_aicc_prefers_the_model_that_made_the_points():
         assert min(found, key=lambda rival: found[rival].aicc) == name
 
 
+@pytest.mark.parametrize("number", [4, 6])
+def test_of_known_uncertainties_akaikes_criterion_needs_no_correction(number):
+    """chi^2 of new points is what it estimates: 2 k more than that of the fitted ones."""
+    rng, trials = np.random.default_rng(11), 150
+    sd, more = 0.01 * TRUE[:number], 0.0
+    for _ in range(trials):
+        found, new = (fit(LAW, R[:number], TRUE[:number] + sd * rng.standard_normal(number), sd,
+                          absolute=True, starts=1) for _ in range(2))
+        fresh = np.sum(((new.force - found.predict(found.distance)) / sd) ** 2)
+        more += (fresh - found.aicc) / trials
+    assert abs(more) < 1.2  # four standard errors; with the correction -12 and -4
+
+
+def test_the_rounding_of_exact_points_says_nothing_against_a_model():
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        d = np.sort(rng.uniform(1e-3, 20e-3, 9))
+        found = fit(models("gap")["law"], d, 1.8e-5 / (d + rng.uniform(1e-3, 1e-2)) ** 2)
+        assert fitting.runs(found).p_value == 1.0
+        assert halves(found).p_value == 1.0
+    made = models("gap", 3e-3)  # at beta = 0 they are one
+    square = [fit(made[name], d, 1.8e-5 / (d + 6e-3) ** 2) for name in ("law", "power")]
+    assert square[0].aicc == pytest.approx(square[1].aicc, abs=1e-9)
+
+
+def test_of_known_uncertainties_the_halves_are_told_apart_by_chi_squared():
+    """Of six points two are left over, whose scatter says next to nothing."""
+    d = np.array([1.0, 3.0, 5.0, 11.0, 15.0, 20.0]) * 1e-3
+    force = np.where(d < 7e-3, 1.0, 1.1) * LAW.force(d, ALPHA, BETA)
+    force *= 1 + 0.005 * np.array([1, -2, 1, 1, -2, 1])
+    found = fit(LAW, d, force, 0.01 * force, absolute=True)
+    both = halves(found)
+    gain = found.chi2 - both.near.chi2 - both.far.chi2
+    assert both.p_value == pytest.approx(math.exp(-0.5 * gain))  # chi^2 of two parameters
+    assert both.p_value < 1e-4 < 0.05 < halves(replace(found, absolute=False)).p_value
+
+
 def test_aicc_is_burnham_and_andersons():
     rng = np.random.default_rng(10)
     sd = 0.01 * TRUE
     force = TRUE + sd * rng.standard_normal(R.size)
     known, plain = fit(LAW, R, force, sd, absolute=True), fit(LAW, R, force)
-    assert known.aicc == pytest.approx(known.chi2 + 4 + 12 / 12)
+    assert known.aicc == pytest.approx(known.chi2 + 4)  # nothing is estimated but the parameters
     assert plain.aicc == pytest.approx(15 * np.log(plain.chi2 / 15) + 6 + 24 / 11)
     assert fit(LAW, R[:4], force[:4]).aicc == np.inf
+    few = fit(LAW, R[:4], force[:4], sd[:4], absolute=True)
+    assert few.aicc == pytest.approx(few.chi2 + 4)
     assert fitting.weights([0.0, 2.0, np.nan]) == pytest.approx(
         [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1)), 0.0])
 
@@ -1145,6 +1206,20 @@ def test_comments_blank_lines_a_byte_order_mark_and_quotes_are_read(here):
     assert data.distance == pytest.approx([3e-3, 5e-3, 9e-3])
     assert data.force == pytest.approx([0.2, 0.15, 0.1])
     assert data.sd is None
+
+
+def test_the_commas_that_a_spreadsheet_leaves_are_no_columns(here, capsys):
+    rows = "gap (mm),force (N),,\n1,0.3,,\n2,0.2,,\n,,,\n3,0.1,,\n"
+    (here / "padded.csv").write_text(rows)
+    data = read("padded.csv")
+    assert data.distance == pytest.approx([1e-3, 2e-3, 3e-3])
+    assert data.force == pytest.approx([0.3, 0.2, 0.1])
+    for bad, said in ((rows.replace("0.2,,", "0.2,1,"), "line 3: must have 2 values"),
+                      (rows.replace("0.2,,", "0.2,"), "line 3: must have 2 values"),
+                      (rows.replace("0.2,,", ",,"), "line 3, force: '' must be a number"),
+                      (rows.replace("(N),,", "(N)"), "line 2: must have 2 values")):
+        (here / "bad.csv").write_text(bad)
+        assert said in refused(capsys, here, "bad.csv", "--inset", "0mm")
 
 
 def test_a_column_called_distance_needs_to_be_told(here, capsys):

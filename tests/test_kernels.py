@@ -947,7 +947,7 @@ def test_magnet_forces_are_the_sum_over_all_pairs_of_magnets(name, n, cutoff, se
 
 @pytest.mark.parametrize("cutoff", [1e-4, 0.003, 0.03])
 def test_no_pair_of_magnets_within_the_cutoff_is_missing(cutoff):
-    """Two that are nearer than it by a millionth of it, anyhow, 300 times.  Lists are made in single
+    """Two that are nearer than it by a millionth of it, 300 times.  Lists are made in single
     precision, which rounds the more of a cut-off the smaller that is beside the tile."""
     chosen = scene([tile(3 * i * WIDTH, 0, kind="black") for i in range(2)], types=CHESSBOARD,
                    magnet=Magnet(cutoff=cutoff, inset=0.4 * cutoff), step=1e-6)

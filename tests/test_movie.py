@@ -23,6 +23,7 @@ from tbsa.model.layout import initial_layout
 from tbsa.model.records import Records
 from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Reactor, Scene, Seed, TileType
 from tbsa.work import draw as drawing
+from tbsa.work import export as exports
 from tbsa.work import movie as films
 from tbsa.work.cli import main
 from tbsa.work.draw import draw
@@ -245,6 +246,14 @@ def test_a_missing_program_or_package_is_named(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"needs the package gsd: pip install 'tbsa\[gsd\]'"):
         export(records(), tmp_path / "run.gsd")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_box_of_a_trajectory_is_looked_for_once(tmp_path, monkeypatch):
+    """Without a reactor it takes all records; once a frame, time would grow as their square."""
+    found = []
+    monkeypatch.setattr(exports, "_box", lambda run: found.append(run) or (1.0, 1.0))
+    export(records(None), tmp_path / "run.gsd")
+    assert len(found) == 1
 
 
 def shown_on(page):

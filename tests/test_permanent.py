@@ -78,6 +78,15 @@ def test_the_two_ways_to_compute_discs_meet():
     assert discs(1e6) == pytest.approx(0.25e-12, rel=1e-10)
 
 
+def test_many_discs_are_as_each_alone():
+    gap = np.random.default_rng(1).uniform(0.0, 3.0, (1500, 2))
+    together = discs(gap)
+    assert together.shape == gap.shape
+    assert np.array_equal(together[::100].ravel(), [float(discs(g)) for g in gap[::100].ravel()])
+    assert discs(0.5).shape == ()
+    assert discs(np.zeros((0, 4))).shape == (0, 4)
+
+
 def test_long_cylinders_in_contact_pull_like_two_charged_plates():
     """Maxwell's pressure J^2/(2 mu_0) over the area."""
     assert coaxial_cylinders(10.0, 0.001, 10.0, J) == pytest.approx(

@@ -841,6 +841,7 @@ def test_an_edited_drive_takes_effect_whatever_its_time_and_length(tmp_path, mon
 
 @pytest.mark.parametrize(("source", "words"), [
     (DRIVE + "    yield\n", "not one that yields"),
+    (DRIVE + "push = (lambda g: lambda *args: g(*args))(push)\n", "takes them as .args"),
     (DRIVE + "import sys\nsys.exit(0)\n", "SystemExit: 0"),
     (DRIVE + "raise GeneratorExit\n", "GeneratorExit"),
     (DRIVE + "raise ValueError('two\\nlines')\n", r"ValueError: two\\nlines"),

@@ -1,6 +1,7 @@
 """The paper's scaling argument: what its steps give, and what would give the printed root."""
 
 import math
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,7 @@ from sympy.parsing.sympy_parser import (
     standard_transformations,
 )
 
-from theory import scaling, statics
+from theory import command, scaling, statics
 from theory.magnets import Law, force
 
 BOND = force(0.003, Law())
@@ -325,6 +326,12 @@ def test_a_block_without_size_neither_slips_nor_detaches(size):
 def test_a_block_does_not_slip_under_bonds_and_friction_that_are_none(numbers):
     with pytest.raises(ValueError, match="bond, mu and floor at least 0"):
         scaling.slip_onset(0.0, 2, *numbers)
+
+
+def test_ctrl_c_ends_a_report_without_a_word(capsys):
+    with pytest.raises(SystemExit) as ended:
+        command(lambda: signal.raise_signal(signal.SIGINT))
+    assert (ended.value.code, *capsys.readouterr()) == (130, "", "")
 
 
 def test_a_report_that_cannot_be_written_is_told_by_the_exit_code(unwritable):

@@ -554,3 +554,14 @@ def test_integers_in_a_scene_built_in_python_do_not_change_the_fingerprint():
                   free=Free((), (PlacedTile("black", (0, 0)),)))
     assert fingerprint(scene) == fingerprint(parse(
         TILES + TILE + "[material]\nwidth = 1.0\nmass = 1.0\n"))
+
+
+def test_a_name_that_numpy_has_chosen_is_text():
+    """As in all other fields; it was refused, with itself as what might be meant."""
+    drive = Drive("constant", force=(1.0, 0.0))
+    plain, named = (Scene(SETS["chessboard"], free=Free((("black", 1),)),
+                          reactor=Reactor("circle", radius=0.2), drive=each)
+                    for each in (drive, replace(drive, kind=np.str_("constant"))))
+    named.validate()
+    assert dumps(named) == dumps(plain)
+    assert fingerprint(named) == fingerprint(plain)

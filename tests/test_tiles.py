@@ -258,6 +258,29 @@ def test_tiles_that_compute_grow_in_a_moment_and_are_known_to_be_directed():
     assert growth.directed
 
 
+def test_what_computes_takes_time_in_proportion_to_its_sites():
+    n = 180
+    start = time.perf_counter()
+    growth = grow(xor_set(), xor_seed(n), set(product(range(n + 1), repeat=2)))
+    assert time.perf_counter() - start < 8.0  # sets of sites for each site take 16 s
+    assert len(growth.types) == (n + 1) ** 2
+    assert growth.directed
+
+
+def test_hundreds_of_types_are_not_all_tried_at_each_site():
+    n = 24
+    others = [tile(f"{k}-{rule.name}", *(glue + (10 * k if glue > 0 else -10 * k)
+                                         for glue in rule.glues))
+              for k in range(1, 200) for rule in xor_set()[:4]]
+    start = time.perf_counter()
+    growth = grow((*others, *xor_set()), xor_seed(n), set(product(range(n + 1), repeat=2)))
+    traps = check((*others, *xor_set()), growth)
+    assert time.perf_counter() - start < 2.0  # trying them all takes 10 s
+    assert growth.directed
+    assert len(growth.types) == (n + 1) ** 2
+    assert traps == check(xor_set(), grow(xor_set(), xor_seed(n), growth.types))
+
+
 def test_a_hundred_by_a_hundred_sites_grow_in_a_moment():
     seed = [(k, 0, CHESSBOARD[k % 2].name) for k in range(100)]
     seed += [(0, k, CHESSBOARD[k % 2].name) for k in range(1, 100)]

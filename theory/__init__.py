@@ -8,11 +8,14 @@ from collections.abc import Callable
 
 
 def command(main: Callable[[], None]) -> None:
-    """Run a command; with exit code 1 where what it prints cannot be written, without a word where
-    its reader has enough, as head has.  Python would find that only at its exit."""
+    """Run a command; with exit code 130 after Ctrl-C, and 1 where what it prints cannot be written,
+    without a word where its reader has enough, as head has.  Python would find that only at its
+    exit."""
     try:
         main()
         sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.exit(130)
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             print(error, file=sys.stderr)

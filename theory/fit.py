@@ -33,6 +33,7 @@ SHAPES = (0.03, 0.1, 0.3, 1.0, 3.0)  # starts of a length, in largest distances
 LENGTHS = 6  # of which every two are a start of an exact magnet
 VALLEY = 12  # points along the valley of a fit of two shapes
 ROUGHLY, EXACTLY = 1e-3, 1e-12  # relative change of chi^2 at which a start is left, and a fit done
+ENOUGH = 500  # points, or means of them, that tell starts from each other
 LIMIT = 300  # evaluations of a search
 
 
@@ -184,6 +185,11 @@ class Fit:
         return float(np.sum((self.weight * self.residuals) ** 2))
 
     @property
+    def rounding(self) -> float:
+        """The chi^2 of a curve that goes through every point, but for rounding."""
+        return 1e-20 * float(np.sum((self.weight * self.force) ** 2))
+
+    @property
     def dof(self) -> int:
         return self.force.size - int(self.free.sum())
 
@@ -286,15 +292,19 @@ class Fit:
         """Akaike's criterion, corrected for few points (Burnham and Anderson 2002).
 
         To be compared between models of the same points, uncertainties and kind of `scale`;
-        NaN for a robust loss, which has no likelihood, and infinite with too few points.
+        NaN for a robust loss, which has no likelihood, and infinite with too few points.  Of
+        absolute uncertainties it is chi^2 + 2 k for any number of points: what is corrected is
+        what the estimated scatter adds.
         """
-        n, k = self.force.size, int(self.free.sum()) + (not self.absolute)
+        n, k = self.force.size, int(self.free.sum())
         if self.loss != "linear":
             return math.nan
+        if self.absolute:
+            return self.chi2 + 2 * k
+        k += 1  # the scatter
         if n - k - 1 <= 0:
             return math.inf
-        least = np.finfo(float).eps ** 2 * float(np.sum((self.weight * self.force) ** 2))
-        deviance = self.chi2 if self.absolute else n * math.log(max(self.chi2, least) / n)
+        deviance = n * math.log(max(self.chi2, self.rounding) / n)
         return deviance + 2 * k + 2 * k * (k + 1) / (n - k - 1)
 
 
@@ -391,8 +401,11 @@ def fit(
     nearly = [replace(empty, values=start, unit=np.maximum(np.abs(start), 1e-300))
               for start in _starts(empty, known)[:1 if starts == 1 else None]]
     if len(nearly) > starts:
-        nearly = sorted((_solve(each, ROUGHLY) for each in nearly), key=lambda each: each.chi2)
-        nearly = _different(nearly)
+        few = _means(empty)
+        rough = sorted((_solve(replace(few, values=each.values, unit=each.unit), ROUGHLY)
+                        for each in nearly), key=lambda each: each.chi2)
+        nearly = [replace(empty, values=each.values, unit=each.unit)
+                  for each in _different(rough)]
     found = [_solve(each) for each in nearly[:starts]]
     best = min(found, key=lambda each: each.chi2)
     alike = [each for each in found if each.chi2 <= best.chi2 * (1 + 1e-6)]
@@ -405,6 +418,21 @@ def fit(
                   for start in _starts(empty, known, medians=True)[:starts]]
     robust = [_robust(each, loss) for each in begun]
     return min(robust, key=_loss if best.absolute else _median_scale)
+
+
+def _means(fit: Fit) -> Fit:
+    """The fit of weighted means of neighbouring points, no more than `ENOUGH`: of many points
+    their chi^2 tells one start from another as well."""
+    if fit.force.size <= ENOUGH:
+        return fit
+    which = np.empty(fit.force.size, int)
+    which[np.argsort(fit.distance, kind="stable")] = np.arange(which.size) * ENOUGH // which.size
+    share = (fit.weight / np.max(fit.weight)) ** 2
+    total = np.bincount(which, share)
+    distance, force = (np.bincount(which, share * each) / total
+                       for each in (fit.distance, fit.force))
+    return replace(fit, distance=distance, force=force,
+                   sd=1 / (np.max(fit.weight) * np.sqrt(total)))
 
 
 def _different(fits: Sequence[Fit]) -> list[Fit]:
@@ -723,8 +751,8 @@ def _profile(fit: Fit, k: int, t: float, side: int, along: Sequence[Floats],
     """
     limit = fit.low[k] if side < 0 else fit.high[k]
     allowed = (t * fit.scale) ** 2
-    if allowed <= 1e-20 * float(np.sum((fit.weight * fit.force) ** 2)):
-        return float(fit.values[k])  # the model goes through every point
+    if allowed <= fit.rounding:
+        return float(fit.values[k])
 
     def excess(value: float) -> float:
         with np.errstate(divide="ignore"):
@@ -851,7 +879,8 @@ def runs(fit: Fit) -> Runs:
     The order of repeats means nothing, least of all that of a file that is sorted by force.
     """
     which = np.unique(fit.distance, return_inverse=True)[1]
-    return runs_test(np.bincount(which, fit.weight**2 * fit.residuals))  # the signs of the means
+    residuals = fit.residuals if fit.chi2 > fit.rounding else np.zeros_like(fit.force)
+    return runs_test(np.bincount(which, fit.weight**2 * residuals))  # the signs of the means
 
 
 def _log_choose(n: int, k: Any) -> Any:
@@ -870,6 +899,7 @@ class Halves(NamedTuple):
 def halves(fit: Fit) -> Halves | None:
     """Whether one set of parameters does for all distances: Chow's test.
 
+    Of absolute uncertainties by chi^2, else by F.
     Points at one distance are in one half.  None where a half would have no more distances than
     parameters, and for a robust loss.
     """
@@ -881,9 +911,11 @@ def halves(fit: Fit) -> Halves | None:
     near, far = (_solve(replace(fit, distance=fit.distance[part], force=fit.force[part],
                                 sd=None if fit.sd is None else fit.sd[part])) for part in parts)
     rest = near.dof + far.dof
-    both = max(near.chi2 + far.chi2, 1e-300)
-    ratio = (max(fit.chi2 - both, 0.0) / k) / (both / rest)
-    return Halves(near, far, float(f_distribution.sf(ratio, k, rest)))
+    both = max(near.chi2 + far.chi2, fit.rounding, 1e-300)
+    gain = max(fit.chi2 - both, 0.0)
+    p = (chi2_distribution.sf(gain, k) if fit.absolute
+         else f_distribution.sf((gain / k) / (both / rest), k, rest))
+    return Halves(near, far, float(p))
 
 
 def doubts(fit: Fit, intervals: Mapping[str, Interval]) -> list[str]:

@@ -262,7 +262,9 @@ def _one_of(*allowed: Any) -> Rule:
     names = ", ".join(json.dumps(name) for name in allowed)
 
     def rule(value: Any) -> str:
-        if type(value) in {type(name) for name in allowed} and value in allowed:
+        # NumPy's text is Python's; of numbers, true is not 1.
+        right = isinstance(value, str) or type(value) in {type(name) for name in allowed}
+        if right and value in allowed:
             return ""
         return f"must be one of {names}{_suggestion(value, allowed)}"
 

@@ -543,6 +543,10 @@ def _user_function(scene: Scene) -> Callable[..., None]:
                          f"{type(function).__name__}: take away what stands in its place, or what "
                          "wraps it", file=scene.file, field="drive.function",
                          value=drive.function)
+    if function.__code__.co_flags & inspect.CO_VARARGS:
+        raise InputError("must name each of its arguments, and takes them as *args: take away the "
+                         "decorator that wraps it, if there is one", file=scene.file,
+                         field="drive.function", value=drive.function)
     if inspect.isgeneratorfunction(function):
         raise InputError("must be a function that returns, not one that yields", file=scene.file,
                          field="drive.function", value=drive.function)

@@ -126,39 +126,79 @@ def grow(
     placed without s.  So A is directed unless some B with enough matching glues at some s in A also
     has enough of them among the tiles that can be there without s.  The first half is one pass over
     A; the sites that it leaves in doubt (none in a chessboard, nearly all where tiles compute) need
-    the second, :func:`_needed`.
+    the second: :func:`_after` settles most of them, :func:`_needed` the others.
     """
     index = {tile_type.name: i for i, tile_type in enumerate(types)}
     seed = {(column, row): index[name] for column, row, name in seed_cells}
     may = allowed if callable(allowed) else allowed.__contains__
 
+    offers: list[dict[int, list[int]]] = [{}, {}, {}, {}]  # by edge, then by the glue it matches
+    for i, tile_type in enumerate(types):
+        for edge, glue in enumerate(tile_type.glues):
+            if glue != 0:
+                offers[edge].setdefault(-glue, []).append(i)
+
+    def able(site: Site, sites: Mapping[Site, int]) -> list[int]:
+        facing = ((edge, types[sites[neighbour]].glues[(edge + 2) % 4])
+                  for edge, neighbour in _neighbours(site) if neighbour in sites)
+        bonds = Counter(i for edge, glue in facing for i in offers[edge].get(glue, ()))
+        return sorted(i for i, number in bonds.items() if number >= temperature)
+
     def first_that_binds(site: Site, sites: Mapping[Site, int]) -> int | None:
-        if not may(site):
-            return None
-        return next((i for i in range(len(types))
-                     if strength(types, sites, site, i) >= temperature), None)
+        found = able(site, sites)
+        return found[0] if found and may(site) else None
 
     sites = _closure(seed, first_that_binds)
     pattern = [(each.glues, each.colour) for each in types]
-    rivals = {}
-    for site, placed in sites.items():
-        if site not in seed and (able := [
-                i for i in range(len(types)) if pattern[i] != pattern[placed]
-                and strength(types, sites, site, i) >= temperature]):
-            rivals[site] = able
-    doubtful = list(rivals)
+
+    def rivals(site: Site, there: Mapping[Site, int]) -> list[int]:
+        return [i for i in able(site, there) if pattern[i] != pattern[sites[site]]]
+
+    doubtful = [site for site in sites if site not in seed and rivals(site, sites)]
+    if doubtful:
+        after = _after(_matched(types, sites), seed, temperature)
+        doubtful = [site for site in doubtful if rivals(site, {
+            other: sites[other] for _, other in _neighbours(site)
+            if other in sites and other not in after[site]})]
     for k in range(0, len(doubtful), AT_ONCE):
         needed = _needed(types, sites, seed, temperature, doubtful[k : k + AT_ONCE])
         for bit, site in enumerate(doubtful[k : k + AT_ONCE]):
             there = {other: sites[other] for _, other in _neighbours(site)
                      if other in sites and not needed[other] >> bit & 1}
-            if able := [i for i in rivals[site] if strength(types, there, site, i) >= temperature]:
-                return Growth(sites, Conflict(site, tuple(sorted([sites[site], *able]))),
+            if others := rivals(site, there):
+                return Growth(sites, Conflict(site, tuple(sorted([sites[site], *others]))),
                               frozenset(seed))
     return Growth(sites, None, frozenset(seed))
 
 
 AT_ONCE = 4096  # sites in doubt that are asked for together, a bit each
+
+
+def _matched(types: Sequence[TileType], sites: Mapping[Site, int]) -> dict[Site, list[Site]]:
+    """The neighbours of each site of an assembly that it matches."""
+    return {site: [other for edge, other in _neighbours(site) if other in sites and attracts(
+        types[placed].glues[edge], types[sites[other]].glues[(edge + 2) % 4])]
+        for site, placed in sites.items()}
+
+
+def _after(matched: Mapping[Site, Sequence[Site]], seed: Container[Site],
+           temperature: int) -> dict[Site, set[Site]]:
+    """For each site neighbours that no order of attachments can fill before it; not always all.
+
+    What comes after a site is no help in placing it.  Where without one more too few are left, it
+    comes after that one: told from the outermost sites inwards, each looked at a few times.
+    """
+    after: dict[Site, set[Site]] = {site: set() for site in matched}
+    queue = [site for site in matched if site not in seed]
+    while queue:
+        site = queue.pop()
+        before = [other for other in matched[site] if other not in after[site]]
+        if len(before) <= temperature:
+            new = [other for other in before if site not in after[other]]
+            for other in new:
+                after[other].add(site)
+            queue.extend(other for other in new if other not in seed)
+    return after
 
 
 def _needed(types: Sequence[TileType], sites: Mapping[Site, int], seed: Container[Site],
@@ -170,9 +210,7 @@ def _needed(types: Sequence[TileType], sites: Mapping[Site, int], seed: Containe
     dominators of a flow graph are).
     """
     bits = {site: 1 << bit for bit, site in enumerate(doubtful)}
-    matched = {site: [other for edge, other in _neighbours(site) if other in sites and attracts(
-        types[placed].glues[edge], types[sites[other]].glues[(edge + 2) % 4])]
-        for site, placed in sites.items()}
+    matched = _matched(types, sites)
     everything = (1 << len(doubtful)) - 1
     needed = {site: 0 if site in seed else everything for site in sites}
     queue = deque(site for site in sites if site not in seed)
@@ -264,12 +302,14 @@ def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
     orientations, except those that show the right glues and colour.  Equal findings are one row;
     the most dangerous (most matches, fewest mismatches) come first.
     """
-    found: Counter[tuple[str, str, int, int, str, int]] = Counter()
+    contexts: Counter[tuple[int, tuple[tuple[int, int], ...]]] = Counter()  # equal sites once
     for site, placed in growth.types.items():
-        facing = [(edge, types[growth.types[neighbour]].glues[(edge + 2) % 4])
-                  for edge, neighbour in _neighbours(site) if neighbour in growth.types]
-        if site in growth.seed or len(facing) < 2:
-            continue
+        facing = tuple((edge, types[growth.types[neighbour]].glues[(edge + 2) % 4])
+                       for edge, neighbour in _neighbours(site) if neighbour in growth.types)
+        if site not in growth.seed and len(facing) >= 2:
+            contexts[placed, facing] += 1
+    found: Counter[tuple[str, str, int, int, str, int]] = Counter()
+    for (placed, facing), sites in contexts.items():
         wanted = types[placed]
         for offered in types:
             for turns in range(symmetry(offered)):
@@ -279,8 +319,8 @@ def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
                     continue
                 repelled = sum(glues[edge] != 0 and glue != 0 for edge, glue in facing)
                 found[wanted.name, offered.name, turns, len(edges), _arrangement(edges),
-                      repelled - len(edges)] += 1
-    rows = [PartialMatch(*key, sites) for key, sites in found.items()]
+                      repelled - len(edges)] += sites
+    rows = [PartialMatch(*key, number) for key, number in found.items()]
     return sorted(rows, key=lambda row: (-row.matches, row.mismatches, row.arrangement,
                                          row.wanted, row.offered, row.turns))
 

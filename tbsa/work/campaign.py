@@ -647,9 +647,14 @@ def _hand_out(workers: Executor, todo: dict[str, Job], ended: Outcomes,
     The tables are brought up to date now and then: a campaign that is killed leaves those of the
     runs that it had done.
     """
-    with _deaf():
-        futures: dict[Future[tuple[str, str]], str] = {
-            workers.submit(work, job): name for name, job in todo.items()}
+    processes = isinstance(workers, ProcessPoolExecutor)
+    futures: dict[Future[tuple[str, str]], str] = {}
+    with _deaf() if processes else contextlib.nullcontext():
+        for name, job in todo.items():
+            future = workers.submit(work, job)  # which may do it on the spot
+            futures[future] = name
+            if stop.asked or _stopped(future):
+                break
     waiting = set(futures)
     written, known = time.monotonic(), len(ended)
     while waiting:
@@ -679,6 +684,12 @@ def _hand_out(workers: Executor, todo: dict[str, Job], ended: Outcomes,
             with contextlib.suppress(OSError, Busy):  # of a full disk the end will tell
                 tables()
             written, known = time.monotonic(), len(ended)
+
+
+def _stopped(future: Future[tuple[str, str]]) -> bool:
+    """Whether a run was asked to stop, and has ended."""
+    return (future.done() and not future.cancelled() and future.exception() is None
+            and future.result()[0] == STOPPED)
 
 
 @contextlib.contextmanager

@@ -132,11 +132,13 @@ def told() -> Iterator[None]:
 
 
 def code_of(command: Callable[[], int]) -> int:
-    """The exit code of a command; 1 where what it prints cannot be written, without a word where
-    its reader has enough, as head has."""
+    """The exit code of a command; 130 after Ctrl-C, and 1 where what it prints cannot be written,
+    both without a word, the latter where its reader has enough, as head has."""
     try:
         with told():
             return command()
+    except KeyboardInterrupt:
+        return 130
     except BrokenPipeError:
         return 1
     except OSError as error:

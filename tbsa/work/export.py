@@ -50,15 +50,16 @@ def export(records: Records, path: str | Path) -> None:
     if any("\ud800" <= letter <= "\udfff" for letter in os.path.realpath(path)):
         raise InputError("must be a path that UTF-8 can hold, for gsd", field="path",
                          value=str(path))
-    truth = truth_of(records.scene)
+    truth, box = truth_of(records.scene), _box(records)
     with replacing(path) as scratch:
         scratch.touch()  # with the mode of other files; gsd's own is another
         with hoomd.open(str(scratch), "w") as file:
             for k in range(records.time.size):
-                file.append(_frame(hoomd.Frame(), records, k, truth))
+                file.append(_frame(hoomd.Frame(), records, k, truth, box))
 
 
-def _frame(frame: Any, records: Records, k: int, truth: Growth | None) -> Any:
+def _frame(frame: Any, records: Records, k: int, truth: Growth | None,
+           box: tuple[float, float]) -> Any:
     """One record, into an empty frame."""
     scene, layout = records.scene, records.layout
     x, y, angle = (np.asarray(each[k]) for each in (records.x, records.y, records.angle))
@@ -71,7 +72,7 @@ def _frame(frame: Any, records: Records, k: int, truth: Growth | None) -> Any:
 
     frame.configuration.step = round(float(records.time[k]) / scene.solver.step)
     frame.configuration.dimensions = 2
-    frame.configuration.box = [*_box(records), 0.0, 0.0, 0.0, 0.0]
+    frame.configuration.box = [*box, 0.0, 0.0, 0.0, 0.0]
     particles = frame.particles
     particles.N = n
     particles.types = [kind.name.encode("ascii", "backslashreplace").decode()
@@ -102,5 +103,5 @@ def _box(records: Records) -> tuple[float, float]:
         return 2.0 * wall.radius, 2.0 * wall.radius
     if wall is not None:
         return wall.width, wall.height
-    return (2.0 * (float(np.abs(records.x).max()) + width),
-            2.0 * (float(np.abs(records.y).max()) + width))
+    return (2.0 * (float(np.abs(records.x).max(initial=0.0)) + width),
+            2.0 * (float(np.abs(records.y).max(initial=0.0)) + width))

@@ -51,7 +51,8 @@ def read(path: str | Path) -> Measurements:
     The first line that is neither empty nor begins with ``#`` is the header: a column ``gap``,
     ``centre`` or ``distance`` in one of `LENGTHS`, one ``force`` in one of `FORCES`, and perhaps
     one ``sd`` (standard deviation) in a unit of force; the unit is in brackets or after an
-    underscore, ``gap (mm)`` or ``gap_mm``.
+    underscore, ``gap (mm)`` or ``gap_mm``.  Lines of commas only count as empty, and columns at the
+    end that have neither title nor values, as spreadsheets write them, are left out.
 
     Raises
     ------
@@ -66,10 +67,15 @@ def read(path: str | Path) -> Measurements:
     if not rows:
         raise InputError(f"is empty; {HEADER}", file=file)
     number, head = rows[0]
-    columns = _header(head, file, f"line {number}")
+    padding = 0  # columns without a title that spreadsheets leave at the end
+    while padding < len(head) - 1 and not head[-1 - padding]:
+        padding += 1
+    columns = _header(head[:len(head) - padding], file, f"line {number}")
     values: dict[str, list[float]] = {name: [] for name, _, _ in columns}
     for number, row in rows[1:]:
         line = f"line {number}"
+        if padding and len(row) == len(head) and not any(row[-padding:]):
+            row = row[:-padding]
         if len(row) != len(columns):
             many = len(row) > len(columns) or any(";" in cell for cell in row)
             hint = "; use a decimal point and commas" if many else ""
@@ -93,7 +99,8 @@ def _rows(text: str, file: str) -> Iterable[tuple[int, list[str]]]:
             except csv.Error as error:
                 raise InputError(f"must be comma-separated values: {error}", file=file,
                                  field=f"line {number}", value=line) from None
-            yield number, [cell.strip() for cell in cells]
+            if any(stripped := [cell.strip() for cell in cells]):  # not only commas
+                yield number, stripped
 
 
 def _header(head: Sequence[str], file: str, line: str) -> list[tuple[str, str, float]]:
