@@ -84,12 +84,13 @@ def test_the_energy_of_many_magnets_is_the_sum_over_all_pairs():
 @pytest.fixture(scope="module")
 def smooth():
     """Deepest overlap (widths) in half a minute of 36 tiles without friction that their drive
-    spins to hundreds of rad/s, at the recommended settings; eight runs."""
+    spins to hundreds of rad/s, at the recommended settings; eleven runs, in three of which faces
+    came after corners that nobody took to hit any more (up to 2.5 % in 0.27.0)."""
     wall = Reactor("circle", 0.237, friction=0.0, restitution=0.2)
     scene = stress.crowd(36, 0.237, drive=Drive("unicycle", 0.082, 0.00493, 1.0),
                          floor=Floor("exact"), material=Material(friction=0.0), wall=wall)
     deepest = []
-    for seed in range(9211, 9219):
+    for seed in (*range(9211, 9219), 9235, 9251, 9274):
         s = Simulation(replace(scene, solver=Solver(1 / 120, 12, 2e-2), run=Run(10.0, seed),
                                record=Record(1.0, 1.0)))
         fastest = 0.0
@@ -103,7 +104,7 @@ def smooth():
 
 
 def test_smooth_tiles_under_a_strong_torque_overlap_by_a_hundredth(smooth):
-    """Corners that sweep through where others are hit them: 0.77 % of the width in the mean of 96
-    runs, 1.1 % in the worst of them."""
+    """Corners that sweep through where others are hit them: 0.69 % of the width in the mean of 128
+    runs, 0.97 % in the worst of them."""
     assert np.mean(smooth) < 0.01
     assert max(smooth) < 0.015

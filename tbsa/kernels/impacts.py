@@ -121,6 +121,8 @@ NOWHERE = 1e-5
 # A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
 # no more than so many; among what hits, this one.
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
+# It has as many passes at least, as nothing gives what it leaves: a row of n tiles needs some n^2.
+AT_LEAST = 1000
 # What was pressed comes off if it goes faster than this part of the fastest corner of its tiles, as
 # one is seen from the other.
 OFF = 0.01
@@ -990,7 +992,8 @@ def left_of(k: Numbers, pace: float) -> float:
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
            angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
            size: int) -> None:
-    """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve.
+    """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve,
+    or AT_LEAST.
 
     Among what hits until nothing changes by more than FINE of how fast that has come, or what is
     left, always in the order of the rows, would turn tiles that hit a wall flat; beyond, by more
@@ -1000,7 +1003,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known, pace = v.mobile, z.known, z.pace
     now, then = rows.now, rows.then
-    for p in range(k.passes):
+    for p in range(max(k.passes, AT_LEAST)):
         m = 0
         for j in range(size):
             q = now[j]

@@ -10,7 +10,7 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import NOTED, RESTS
+from tbsa.kernels.contacts import NOTED, RESTS, SWEPT
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
 from tbsa.kernels.geometry import (
     CIRCLE,
@@ -208,7 +208,8 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
     With the velocities of each row when it was last solved, which is near enough to choose.
     A point that the solve has only kept from coming too far, as it is still on its way at more
     than what a solve leaves and its arc gives, gets rid of its impulse, and of the friction that
-    this has borne: it has not been in contact, and hits in the next substep.
+    this has borne: it has not been in contact, and hits in the next substep.  So does what turns
+    fast, as faces that come after it have to be seen.
     """
     r, hits, low = rows.field, rows.hits, -SLOP * k.width
     away = k.h * (k.threshold + FLYING * k.tolerance)
@@ -229,10 +230,9 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
                                        - r[at + AN1] * wa)
             near = ((g0 < low) & (count > 0.5)) | ((g1 < low) & (count > 1.5))
             r[at + HIT] = 1.0 if near else 0.0
-            r[at + PN0] = (0.0 if r[at + GAP0] > away + k.h * k.h * abs(r[at + BEND0])
-                           else r[at + PN0])
-            r[at + PN1] = (0.0 if r[at + GAP1] > away + k.h * k.h * abs(r[at + BEND1])
-                           else r[at + PN1])
+            arc = k.h * k.h if k.h * (abs(wa) + abs(wb)) <= SWEPT else 0.0
+            r[at + PN0] = 0.0 if r[at + GAP0] > away + arc * abs(r[at + BEND0]) else r[at + PN0]
+            r[at + PN1] = 0.0 if r[at + GAP1] > away + arc * abs(r[at + BEND1]) else r[at + PN1]
             most = r[at + MU] * (r[at + PN0] + r[at + PN1])
             r[at + PT] = min(max(r[at + PT], -most), most)
             some += 1 if near else 0
