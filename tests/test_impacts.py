@@ -1193,6 +1193,18 @@ def test_a_row_of_tiles_comes_off_a_wall_as_a_lone_one_however_few_passes_a_solv
                                  restitution=e))
     s.advance(10)
     assert s.vx == pytest.approx(-0.5 * e, rel=0.005)
+    assert s.counts.unconverged[0] == 0 or passes == 1
+
+
+def test_an_impact_that_ends_at_the_limit_of_its_passes_is_counted():
+    """A hundred tiles in a row at a fine tolerance take more than a thousand."""
+    s = simulate([tile(2.898 - (i + 0.5) * WIDTH, vx=0.5) for i in range(100)], step=H,
+                 substeps=4, body=material(restitution=1.0), tolerance=1e-9,
+                 reactor=Reactor("rectangle", width=5.8, height=0.5, friction=0.0,
+                                 restitution=1.0))
+    s.advance(10)
+    assert s.counts.impacts[0] > 0
+    assert s.counts.unconverged[0] > 0
 
 
 @pytest.mark.parametrize("gap", [1e-3, 1e-4, 1e-5, 1e-6])

@@ -265,7 +265,7 @@ class Counts(NamedTuple):
     passes: np.ndarray  # solver passes
     solves: np.ndarray  # manifolds to be solved, summed over passes
     unsolved: np.ndarray  # of these left out, as they had converged, or in flight
-    unconverged: np.ndarray  # substeps that ended at the limit of passes
+    unconverged: np.ndarray  # substeps whose solve, or an impact, ended at the limit of passes
     impacts: np.ndarray  # points that hit
     projections: np.ndarray  # substeps with overlap beyond the slop
     overlap: np.ndarray  # time (h/8) by deepest overlap: <= 0.01, 0.1, 0.5, 2, more % of w
@@ -958,6 +958,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
     gain = 2.0 * pull * h * ahead
     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4] = h, ahead, slow, slow_spin, gain
     numbers[6], numbers[9] = middle, known
+    work.scratch.size[5] = 0
     counts.substeps[0] += 1
     counts.joined[0] += max(ticks // TICKS - 1, 0)
     counts.rows[0] += m
@@ -984,6 +985,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
         if struck > 0:
             last[2] = hit(k, ahead, left - middle, loads, state, work, counts)
             counts.impacts[0] += last[2]
+            counts.unconverged[0] += work.scratch.size[5]
             m = rows.size[0]
     else:
         counts.overlap[0] += ticks
@@ -1007,7 +1009,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
             apply_impulses(rows, k.per_mass, v, crew)
         passes = relax(rows, m if live else ZERO, kh, floor, c, s, v, crew)
         last[0] = passes if passes >= 0 else -1 - passes
-        counts.unconverged[0] += 1 if passes < 0 else 0
+        counts.unconverged[0] += 1 - work.scratch.size[5] if passes < 0 else 0
         counts.passes[0] += last[0]
         if live:
             limit_work(rows, kh, floor, c, s, v, before, crew)

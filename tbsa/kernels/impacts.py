@@ -174,8 +174,8 @@ class Scratch(NamedTuple):
     lostt: np.ndarray  # N s, and their friction
     was0: np.ndarray  # the feature ids of these points
     was1: np.ndarray
-    size: np.ndarray  # int64[5], rows and tiles that take part, tiles that are asked, rows `left`
-    # and `thrown`
+    size: np.ndarray  # int64[6], rows and tiles that take part, tiles that are asked, rows `left`
+    # and `thrown`; 1 if an impact of this substep has ended at the limit of its passes
 
 
 def empty_scratch(n: int, blocks: int) -> Scratch:
@@ -185,7 +185,7 @@ def empty_scratch(n: int, blocks: int) -> Scratch:
     of_tiles = Scratch._fields[4:Scratch._fields.index("left")]
     parts += columns(n + 1, [int if f in whole else float for f in of_tiles])
     parts += columns(WIDE * blocks, [int, int, int, float, float, float, float, float])
-    return Scratch._make([*parts, np.zeros(5, np.int64)])
+    return Scratch._make([*parts, np.zeros(6, np.int64)])
 
 
 class Loads(NamedTuple):
@@ -1003,8 +1003,9 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
     r, body, start, of = rows.field, rows.body, rows.start, rows.of
     mobile, known, pace = v.mobile, z.known, z.pace
     now, then = rows.now, rows.then
+    m = ZERO
     for p in range(max(k.passes, AT_LEAST)):
-        m = 0
+        m = ZERO
         for j in range(size):
             q = now[j]
             known[q] = 1
@@ -1043,6 +1044,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
         for j in range(m):
             now[j] = then[j]
         size = m
+    z.size[5] |= 1 if m > 0 else 0
     for j in range(size):
         known[now[j]] = 1
 
