@@ -995,8 +995,9 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
     """Solve the `size` rows in ``rows.now``, and on what they move, for as many passes as a solve,
     or AT_LEAST.
 
-    Among what hits until nothing changes by more than FINE of how fast that has come, or what is
-    left, always in the order of the rows, would turn tiles that hit a wall flat; beyond, by more
+    Among what hits until nothing changes by more than FINE of how fast that has come (or of the
+    tolerance: what has come at 1e-17 m/s may hit, and changes by rounding without an end), or what
+    is left, always in the order of the rows, would turn tiles that hit a wall flat; beyond, by more
     than `left_of` that, and the contact solve that follows closes it, without restitution.  What
     rows have already got (``BASE``) has changed the velocities of their tiles, too.
     """
@@ -1015,7 +1016,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
             t = U(q // WIDE) * BODIES + U(q % WIDE)
             fastest = max(pace[body[t]], pace[body[t + LANES]])
             rough = left_of(k, fastest)
-            if change <= min(rough, FINE * fastest):
+            if change <= min(rough, FINE * max(fastest, k.tolerance)):
                 continue
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] == 0.0:
