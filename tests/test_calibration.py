@@ -778,6 +778,7 @@ def test_the_interval_covers_what_few_runs_have_much_of():
 
 @pytest.mark.parametrize(("file", "text"), [
     ("merit.md", lambda: merit.report(DATA / "campaign", HERE / "campaign.toml")),
+    ("again.md", lambda: again.report(DATA / "again", HERE / "again.toml")),
     ("step.md", lambda: step_study.report(DATA / "step", HERE / "step.toml")),
     ("step_shaken.md", lambda: step_study.report(DATA / "step_shaken", HERE / "step_shaken.toml")),
     ("step_self.md", lambda: step_study.report(DATA / "step_self", HERE / "step_self.toml")),
