@@ -450,6 +450,20 @@ def test_a_summary_has_room_for_a_run_without_rows(order):
     assert summary_figure({"none yet": whole[:0]}, {}).axes[0].get_xlim()[0] == 0.0
 
 
+@pytest.mark.parametrize("runs", [2, 16])
+def test_the_legend_of_a_summary_covers_no_curve(runs):
+    rows = pd.DataFrame({name: np.arange(5.0) % 2 for name in (
+        "time", "size", "errors_percent", "holes_percent")})
+    figure = summary_figure({f"run {k}": k * rows for k in range(runs)}, {})
+    figure.draw_without_rendering()
+    shown = {id(legend): legend for axes in figure.axes
+             for legend in (axes.get_legend(), *axes.figure.legends) if legend is not None}
+    assert len(shown) == 1
+    for legend in shown.values():
+        box = legend.get_window_extent()
+        assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
 def test_a_snapshot_of_an_unknown_run_is_refused():
     scene, *rest = record(scene_of())
     with pytest.raises(InputError, match="must name runs that have a table"):

@@ -254,10 +254,7 @@ def summary_figure(
         ax.set_ylim(bottom=0.0, top=max(ax.get_ylim()[1], 1.0))
         ax.grid(color="#d8d8d8", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
-    if len(tables) <= len(LINES):
-        axes[0].legend(frameon=False)
-    else:
-        below.legend(*axes[0].get_legend_handles_labels(), ncols=4, **OUTSIDE)
+    below.legend(*axes[0].get_legend_handles_labels(), ncols=4, **OUTSIDE)
     _settle(figure)
     if file is not None:
         _save(figure, file)
