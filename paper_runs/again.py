@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from paper_runs.intervals import difference, mean
-from paper_runs.tables import against_plan, command, curves, given, load, markdown
+from paper_runs.tables import against_plan, command, curves, done, given, load, markdown
 from tbsa.work.cli import code_of
 
 CAMPAIGN = "campaign"  # the folder of what is kept, beside that of the runs done again
@@ -27,8 +27,7 @@ HEAD = ("drive", "runs", "what", "before", "again", "again less before", "contai
 
 def ended(folder: Path) -> pd.DataFrame:
     """The runs of a folder that are done, with the version that did them."""
-    table = load(folder)
-    return given(table[table["status"] == "done"], folder, "version")
+    return given(done(folder), folder, "version")
 
 
 def compare(folder: Path, before: Path) -> list[Sequence[object]]:
@@ -45,11 +44,11 @@ def compare(folder: Path, before: Path) -> list[Sequence[object]]:
         for name in MEASURES:
             found = [curves(home, mine, name) for home, mine in arms]
             end = min(times[-1] for times, _ in found)
-            at_end, late = ([values[:, np.logical_and(times > first, times <= end)].mean(axis=1)
-                             for times, values in found]
-                            for first in (np.nextafter(end, 0.0), 2.0 / 3.0 * end))
             if name == "size":
-                rows.append((drive, runs, f"attached tiles at {end:g} s", *judged(*at_end)))
+                rows.append((drive, runs, f"attached tiles at {end:g} s", *judged(*(
+                    values[:, times <= end][:, -1] for times, values in found))))
+            late = [values[:, (times > 2.0 / 3.0 * end) & (times <= end)].mean(axis=1)
+                    for times, values in found]
             what = {"size": "attached tiles", "off_lattice": "off the lattice"}.get(name, name)
             rows.append((drive, runs, f"{what}, mean of the last third", *judged(*late)))
     return rows

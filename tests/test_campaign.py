@@ -1378,26 +1378,21 @@ def test_settings_are_one_for_all_seeds_and_for_nothing_else(here):
 # Executors.
 
 
+class Inline(Executor):
+    """Does it on the spot."""
+
+    def submit(self, function, *arguments):
+        future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+
 def test_any_executor_will_do(here, whole):
-    class Inline(Executor):
-        """Does it on the spot."""
-
-        def submit(self, function, *arguments):
-            future = Future()
-            future.set_result(function(*arguments))
-            return future
-
     assert campaign("campaign.toml", "out", executor=Inline()).done == 5
     assert tables("out") == tables(whole)
 
 
 def test_ctrl_c_ends_all_that_an_executor_does_on_the_spot(here, monkeypatch):
-    class Inline(Executor):
-        def submit(self, function, *arguments):
-            future = Future()
-            future.set_result(function(*arguments))
-            return future
-
     begun = []
 
     def interrupted(scene, folder, *, progress, **options):

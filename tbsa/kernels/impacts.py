@@ -121,7 +121,7 @@ NOWHERE = 1e-5
 # A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
 # no more than so many; among what hits, this one.
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
-# It has as many passes at least, as nothing gives what it leaves: a row of n tiles needs some n^2.
+# It has as many passes at least, as nothing gives back what it leaves; n tiles in a row need n^2.
 AT_LEAST = 1000
 # What was pressed comes off if it goes faster than this part of the fastest corner of its tiles, as
 # one is seen from the other.
