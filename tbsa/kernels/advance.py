@@ -1024,7 +1024,7 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
     drift(low, high, h - middle, v, x, y, angle)
     collect(crew)
     if live and project(rows, with_substep(k, ahead), ahead - (h - middle), v, work.shift, x, y,
-                         angle, crew):
+                         angle, c, s, crew):
         counts.projections[0] += 1
         if state.early[0] > 0:
             forget_early(rows, k.n, loads, work.shift)
@@ -1263,8 +1263,8 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == DEEP:
             find_deep(rows, with_substep(k, ahead_time), first, last)
         elif what == PART:
-            part_listed(rows, with_substep(k, ahead_time), v, work.shift, x, y, angle,
-                        crew.numbers[7], crew.numbers[8], first, last)
+            part_listed(rows, with_substep(k, ahead_time), v, work.shift, x, y, angle, work.c,
+                        work.s, crew.numbers[7], crew.numbers[8], first, last)
         elif what == END:
             damp(first, last, slow, slow_spin, v)
             drift(first, last, h - crew.numbers[6], v, x, y, angle)

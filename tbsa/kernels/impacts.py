@@ -1257,7 +1257,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
 
 @inline
 def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-                   angle: np.ndarray) -> None:
+                   c: np.ndarray, s: np.ndarray) -> None:
     """Of the points that impacts of this substep have pressed, keep those that they have left
     together, and that press on each other as their tiles turn, and those that are back before its
     end: they touch.
@@ -1276,8 +1276,8 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         back = ((1 if is_back(k, e, vn0, left * r[at + BEND0], spin) else 0)
                 + (2 if is_back(k, e, vn1, left * r[at + BEND1], spin) else 0))
         stay = (1 if vn0 <= slow else 0) + (2 if vn1 <= slow else 0)
-        if stay != 0 and (k.h * spin > SWEPT or clears(rows, q, k, v, x, y, angle, k.h,
-                                                       NOWHERE * k.width)):
+        if stay != 0 and (k.h * spin > SWEPT or clears(
+                rows, q, k, v, x, y, c, s, k.h * v.w[a], k.h * v.w[b], k.h, NOWHERE * k.width)):
             stay = 0
         z.points[q] &= stay | back | LISTED
 
@@ -1363,7 +1363,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                                + k.inertia * z.uw[i] * z.uw[i])
         limit_energy(rows, k, v, z)
 
-    leave_together(rows, k, v, z, x, y, angle)
+    leave_together(rows, k, v, z, x, y, c, s)
     for j in range(z.size[0]):
         q = z.rows[j]
         at = lane_of(q)

@@ -6,6 +6,8 @@ fast rotations and from solves that end before they have converged.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
@@ -14,6 +16,7 @@ from tbsa.kernels.contacts import NOTED, RESTS, SWEPT
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
 from tbsa.kernels.geometry import (
     CIRCLE,
+    arc,
     circle_corner,
     corner_arm,
     cos_sin,
@@ -81,10 +84,22 @@ PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
 MANY_ROWS = 1024
 
 
+@lane
+def turned_on(c: float, s: float, turn: float) -> Any:
+    """Cosine and sine after a turn (rad) from where they are c and s: to 1e-7, with a third of the
+    work, where that is as small as mostly in a substep."""
+    up, over = arc(turn)
+    cos, sin = 1.0 - up, turn - over
+    if abs(turn) > 0.5:
+        cos, sin = cos_sin(turn)
+    return c * cos - s * sin, s * cos + c * sin
+
+
 @inline
-def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarray,
-           angle: np.ndarray, rest: float, left: float) -> bool:
-    """Whether the bodies of row q will not overlap by more than `left` (m) after a time `rest` (s).
+def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarray, c: np.ndarray,
+           s: np.ndarray, turn_a: float, turn_b: float, rest: float, left: float) -> bool:
+    """Whether the bodies of row q will not overlap by more than `left` (m) after a time `rest` (s),
+    and when they have turned by so much from where c and s are taken (rad).
 
     A row tells of how they were and went; after an impact, they have hit only when they will have
     come to where it was, and have turned meanwhile, and where they only come from another face may
@@ -93,16 +108,17 @@ def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarr
     r, body, half = rows.field, rows.body, 0.5 * k.width
     t = U(q // WIDE) * BODIES + U(q % WIDE)
     a, b = U(body[t]), U(body[t + LANES])
-    ca, sa = cos_sin(angle[a] + rest * v.w[a])
+    ca, sa = turned_on(c[a], s[a], turn_a)
     xa, ya = x[a] + rest * v.vx[a], y[a] + rest * v.vy[a]
     wall, code = b == U(k.n), wall_code(r, lane_of(q))
     if wall and k.wall == CIRCLE:
         rx, ry = corner_arm(code, half, ca, sa)
         gap, _, _ = circle_corner(xa + rx, ya + ry, k.wall_x)
         return bool(gap >= -left)
-    cb, sb = cos_sin(angle[b] + rest * v.w[b])  # the ground's angle is 0
+    cb, sb = turned_on(c[b], s[b], turn_b)
     dx, dy = x[b] + rest * v.vx[b] - xa, y[b] + rest * v.vy[b] - ya
     if wall:
+        cb, sb = 1.0, 0.0
         dx, dy = wall_square(k, code, xa, ya)
     count, _, _, _, gap0, _, _, _, gap1, _, _, _, _, _, _ = square_square(
         dx, dy, ca, sa, cb, sb, k.width, 0.0, wall)
@@ -111,7 +127,7 @@ def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarr
 
 @inline
 def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
-             angle: np.ndarray, rest: float, left: float) -> bool:
+             angle: np.ndarray, c: np.ndarray, s: np.ndarray, rest: float, left: float) -> bool:
     """Move the bodies of row q apart, if a point of it will overlap by more than `left` (m).
 
     It goes three fifths of the way back to four fifths of that, so that a point at rest is not
@@ -136,7 +152,7 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
           - r[i + AN1] * turn_a)
     if g0 >= spare and (g1 >= spare or not two):
         return False
-    if clears(rows, q, k, v, x, y, angle, rest, left):
+    if clears(rows, q, k, v, x, y, c, s, turn_a, turn_b, rest, left):
         return False
     g0 = g0 if g0 > 0.0 else max(0.6 * g0, -most)
     g1 = g1 if g1 > 0.0 else max(0.6 * g1, -most)
@@ -243,18 +259,20 @@ def find_deep(rows: Rows, k: Numbers, begin: int, last: int) -> None:
 
 @lane
 def part_listed(rows: Rows, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray, y: np.ndarray,
-                angle: np.ndarray, rest: float, left: float, begin: int, end: int) -> None:
+                angle: np.ndarray, c: np.ndarray, s: np.ndarray, rest: float, left: float,
+                begin: int, end: int) -> None:
     """Move apart the bodies of these rows of the list; ``changes`` says where there was something
     to do."""
     now, changes = rows.now, rows.changes
     for j in range(begin, end):
-        parted = part_row(rows, now[j], k, v, shift, x, y, angle, rest, left)
+        parted = part_row(rows, now[j], k, v, shift, x, y, angle, c, s, rest, left)
         changes[j] = 1.0 if parted else 0.0
 
 
 @inline
 def part_all(rows: Rows, size: int, k: Numbers, v: Bodies, shift: Bodies, x: np.ndarray,
-             y: np.ndarray, angle: np.ndarray, rest: float, left: float, crew: Crew) -> None:
+             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, rest: float,
+             left: float, crew: Crew) -> None:
     """The same of all rows of the list, in its order; of a long one threads share each colour."""
     now, first = rows.now, rows.first
     crew.numbers[7], crew.numbers[8] = rest, left
@@ -265,10 +283,10 @@ def part_all(rows: Rows, size: int, k: Numbers, v: Bodies, shift: Bodies, x: np.
             end += 1
         # Far rows may have a tile in common.
         mine, last = give(crew, PART, done, end, LEAST_ROWS if colour != FAR_ROWS else end + 1)
-        part_listed(rows, k, v, shift, x, y, angle, rest, left, mine, last)
+        part_listed(rows, k, v, shift, x, y, angle, c, s, rest, left, mine, last)
         collect(crew)
         done = end
-    part_listed(rows, k, v, shift, x, y, angle, rest, left, done, size)
+    part_listed(rows, k, v, shift, x, y, angle, c, s, rest, left, done, size)
 
 
 @inline
@@ -287,9 +305,9 @@ def in_order(rows: Rows, size: int) -> None:
 
 @inline
 def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np.ndarray,
-            y: np.ndarray, angle: np.ndarray, crew: Crew) -> bool:
+            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, crew: Crew) -> bool:
     """Move apart what will overlap deeply in the middle of the next substep, after a time `rest`
-    (s); returns whether there was anything.
+    (s); returns whether there was anything.  c and s are those of the middle of this one.
 
     The velocity solve does not push apart what overlaps, so that it never adds energy; a
     solved scene does not need this.  Rows one by one, from the deep ones on to those of the
@@ -318,7 +336,7 @@ def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np
     for p in range(PROJECTIONS + FURTHER):
         m = ZERO
         left = left if p < PROJECTIONS else DEEPER * SLOP * k.width
-        part_all(rows, size, k, v, shift, x, y, angle, rest, left, crew)
+        part_all(rows, size, k, v, shift, x, y, angle, c, s, rest, left, crew)
         for j in range(size):
             q = now[j]
             queued[q] = 0
