@@ -27,7 +27,16 @@ import pytest
 import tbsa
 from tbsa.errors import InputError
 from tbsa.model import records, simulation
-from tbsa.model.scene import Record, Run, Solver, fingerprint, load
+from tbsa.model.scene import (
+    Floor,
+    Free,
+    PlacedTile,
+    Record,
+    Run,
+    Solver,
+    fingerprint,
+    load,
+)
 from tbsa.model.simulation import Simulation
 
 ROOT = Path(__file__).parents[1]
@@ -761,6 +770,20 @@ velocity = [400.0, 0.0]
 
 def test_a_drive_that_is_no_number_is_told_of_as_that(tmp_path):
     scene = driven(tmp_path, DRIVE + "    if t > 0.0051:\n        fx[:] = t * 1e308 * 1e308 * 0\n")
+    with pytest.raises(simulation.SimulationError, match="stopped being finite"):
+        Simulation(scene).run(1.0)
+
+
+@pytest.mark.parametrize("law", [None, "separate", "coupled", "exact"])
+@pytest.mark.parametrize("line", ["fx[0] += p[0] * p[0] * 0.0", "fx[0] += p[0] * p[0]",
+                                  "torque[0] += p[0] * p[0] * 0.0"])
+def test_a_drive_that_is_no_number_for_a_moment_is_told_of_though_its_tile_is_alone(
+        tmp_path, line, law):
+    """What rests is at rest, and what has no place is not."""
+    nothing = DRIVE.replace("p[0]", "0.0")
+    crowd = driven(tmp_path, nothing + f"    if 0.1 < t < 0.11:\n        {line}\n", [1e200])
+    scene = replace(crowd, seed=None, reactor=None, magnet=None, floor=law and Floor(law),
+                    free=Free(tiles=(PlacedTile(crowd.types[0].name, (0.0, 0.0)),)))
     with pytest.raises(simulation.SimulationError, match="stopped being finite"):
         Simulation(scene).run(1.0)
 

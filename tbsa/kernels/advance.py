@@ -903,7 +903,7 @@ def hardly_moves(k: Numbers, v: Bodies) -> bool:
     vx, vy, w = v.vx, v.vy, v.w
     for i in range(U(k.front), U(k.n)):
         pace = abs(vx[i]) + abs(vy[i]) + k.width * abs(w[i])
-        if k.substeps * k.h * pace > STILL * k.width:
+        if not k.substeps * k.h * pace <= STILL * k.width:  # what is no number moves
             return False
     return True
 
