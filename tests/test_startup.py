@@ -131,6 +131,11 @@ def test_kernels_are_compiled_once(warm):
     assert again["folder"].startswith(str(folder))
 
 
+def test_drives_are_compiled_with_notes_for_debuggers(tmp_path):
+    code = "from tbsa.kernels import drives; drives.engine(drives.no_drive); print(1)"
+    assert python(code, NUMBA_DEBUGINFO="1", TBSA_CACHE_DIR=str(tmp_path)) == 1
+
+
 def test_an_edited_helper_of_a_built_in_drive_takes_effect(tmp_path):
     """As for kernels, in test_kernels.py: drives are cached, their helpers stand elsewhere."""
     shutil.copytree(PACKAGE, tmp_path / "tbsa", ignore=shutil.ignore_patterns("__pycache__"))

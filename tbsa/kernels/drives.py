@@ -46,6 +46,7 @@ def no_drive(t: float, p: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.nd
              vx: np.ndarray, vy: np.ndarray, omega: np.ndarray, family: np.ndarray,
              forward: np.ndarray, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray) -> None:
     """No drive."""
+    return  # Numba looks for a statement, where it notes lines for debuggers
 
 
 def unicycle(t: float, p: np.ndarray, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
