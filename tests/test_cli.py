@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from malformed import MALFORMED
+from numpy.lib.recfunctions import repack_fields
 
 import tbsa
 from tbsa.model import records, simulation
@@ -687,10 +688,43 @@ def test_records_whose_time_does_not_go_on_are_refused(run, here, capsys, time):
     ("angle", -np.inf, "record.angle: -inf must be finite numbers")])
 @pytest.mark.parametrize("command", ["metrics", "view", "movie"])
 def test_a_place_that_cannot_be_names_the_file(run, here, capsys, command, name, number, words):
+    without_checksums(run)
     data = np.load(run / "records.npy", mmap_mode="r+")
     data[name][1, 3] = number
     data.flush()
     assert f"run/records.npy: {words}" in refused(capsys, here, command, "run")
+
+
+def without_checksums(run):
+    """Make records as those of runs of before 0.29.0."""
+    data = np.load(run / "records.npy")
+    np.save(run / "records.npy", repack_fields(data[[*data.dtype.names[:-1]]]))
+
+
+@pytest.mark.parametrize("command", ["metrics run", "draw run --time 0.5", "movie run", "view run",
+                                     "run scene.toml --duration 3 --out run --resume"])
+@pytest.mark.parametrize("damage", [lambda block: bytes([block[0] ^ 16]) + block[1:],
+                                    lambda block: bytes(len(block))], ids=["bit", "block"])
+def test_a_record_that_is_damaged_is_told_of(run, here, capsys, command, damage):
+    path, size = run / "records.npy", 16 + 48 * 31
+    data = path.read_bytes()
+    place = len(data) - 4 * size + 800  # in the second of five
+    path.write_bytes(data[:place] + damage(data[place : place + 512]) + data[place + 512 :])
+    line = refused(capsys, here, *command.split())
+    assert "run/records.npy: record 1 (0.5 s): is damaged: it has another checksum" in line
+
+
+def test_a_run_without_checksums_is_read_and_gone_on_with(run, here):
+    shutil.copytree(run, "old")
+    without_checksums(here / "old")
+    for folder in ("run", "old"):
+        assert main(["run", "scene.toml", "--duration", "3", "--out", folder, "--resume",
+                     "--quiet"]) == 0
+        assert main(["metrics", folder]) == 0
+    assert Path("run/metrics.csv").read_bytes() == Path("old/metrics.csv").read_bytes()
+    ours, theirs = np.load("run/records.npy"), np.load("old/records.npy")
+    assert [*theirs.dtype.names, "check"] == [*ours.dtype.names]
+    assert all((ours[name] == theirs[name]).all() for name in theirs.dtype.names)
 
 
 def test_a_checkpoint_of_another_seed_is_refused(run, here, capsys):

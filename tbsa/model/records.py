@@ -5,7 +5,7 @@ A run's folder holds
     scene.toml      the scene, complete
     run.json        version, fingerprint of the scene, wall time, counters
     layout.npz      what each tile is and where it started
-    records.npy     one structured entry a record: time and the six state arrays
+    records.npy     one structured entry a record: time, the six state arrays, and a checksum
     checkpoint.npz  all that the next step needs
 
 Every file is replaced atomically, except that ``records.npy`` grows by appending: an entry
@@ -26,6 +26,7 @@ import sys
 import tempfile
 import threading
 import time
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -242,8 +243,19 @@ def _read_arrays(path: Path, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]
     return arrays
 
 
-def _frame(n: int) -> np.dtype[Any]:
-    return np.dtype([("time", "<f8"), *((name, "<f8", (n,)) for name in FIELDS)])
+def _frame(n: int, *, checked: bool = True) -> np.dtype[Any]:
+    """An entry of records.npy; those of runs of before 0.29.0 have no checksum.
+
+    It is of 8 bytes, so that the numbers of all entries are where Numba wants them.
+    """
+    return np.dtype([("time", "<f8"), *((name, "<f8", (n,)) for name in FIELDS),
+                     *[("check", "<u8")] * checked])
+
+
+def _checksums(entries: NDArray[Any]) -> list[int]:
+    """CRC-32 of the bytes of each entry, but for its own checksum."""
+    rows = np.asarray(entries).view(np.uint8).reshape(entries.size, -1)  # of a plain array: faster
+    return [zlib.crc32(each[:-8].data) for each in rows]
 
 
 class _Writer:
@@ -253,8 +265,8 @@ class _Writer:
     they are written over: who has mapped the file and read them when they are gone is killed.
     """
 
-    def __init__(self, path: Path, n: int, keep: int) -> None:
-        self.path, self.dtype, self.count = path, _frame(n), keep
+    def __init__(self, path: Path, dtype: np.dtype[Any], keep: int) -> None:
+        self.path, self.dtype, self.count = path, dtype, keep
         with naming(path):
             self.file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115
             self._header()
@@ -273,6 +285,8 @@ class _Writer:
         entry["time"] = simulation.time
         for name in FIELDS:
             entry[name][0] = getattr(simulation, name)
+        if "check" in entry.dtype.fields:
+            entry["check"] = _checksums(entry)
         with naming(self.path):
             self.file.seek(self.begin + self.count * self.dtype.itemsize)
             self.file.write(entry.tobytes())
@@ -447,7 +461,9 @@ def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
     except Exception as error:  # as in _read_arrays
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     n = layout.x.size
-    if not isinstance(data, np.memmap) or data.dtype != _frame(n) or data.ndim != 1:
+    checked = data.dtype == _frame(n)
+    if not (isinstance(data, np.memmap) and data.ndim == 1
+            and (checked or data.dtype == _frame(n, checked=False))):
         raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
     if data.size == 0:
         raise InputError("holds no record yet", file=str(path))
@@ -458,6 +474,10 @@ def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
     if not (np.diff(data["time"]) > 0.0).all() or not data["time"][-1] <= LONGEST_RUN:
         raise InputError("is damaged: must go on from record to record, to "
                          f"{LONGEST_RUN:g} s at most", file=str(path), field="time")
+    if checked and (wrong := data["check"] != _checksums(data)).any():
+        k = int(np.argmax(wrong))
+        raise InputError("is damaged: it has another checksum than when it was written",
+                         file=str(path), field=f"record {k} ({data['time'][k]:.15g} s)")
     return data
 
 
@@ -478,8 +498,9 @@ def _check_interval(folder: Path, info: dict[str, Any], scene: Scene) -> None:
                          value=scene.record.interval)
 
 
-def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> None:
-    """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s."""
+def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> np.dtype[Any]:
+    """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s;
+    returns what an entry is like."""
     data = _read_records(path, layout)
     if not os.access(path, os.W_OK):
         raise InputError("must be a file that may be written", file=str(path))
@@ -493,6 +514,8 @@ def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> No
     if data.offset != buffer.tell():
         raise InputError("was written by a version of NumPy that laid it out differently",
                          file=str(path))
+    dtype: np.dtype[Any] = data.dtype
+    return dtype
 
 
 @dataclass
@@ -735,16 +758,16 @@ def _write_run(folder: Path, simulation: Simulation, drive: bytes | None, mark: 
     end = round(scene.run.duration / scene.solver.step)
     path = folder / "records.npy"
     # An end off the grid of record times leaves an entry of its own; going on drops it.
-    keep = simulation.steps // every + 1 if resume else 0
+    keep, frame = simulation.steps // every + 1 if resume else 0, _frame(simulation.numbers.n)
     if resume:
-        _check_records(path, simulation.layout, keep, every * scene.solver.step)
+        frame = _check_records(path, simulation.layout, keep, every * scene.solver.step)
         for left in folder.glob(".*.*") if alone else ():  # by one that was killed while it wrote
             if _of_scratch(left) in REPLACED:
                 left.unlink(missing_ok=True)
     else:
         _write_arrays(folder / "layout.npz",
                       {name: getattr(simulation.layout, name) for name in _LAYOUT})
-    records = _Writer(path, simulation.numbers.n, keep)
+    records = _Writer(path, frame, keep)
     since = simulation.steps  # OF_PROCESS counts from here
 
     def save() -> None:
