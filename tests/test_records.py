@@ -358,6 +358,18 @@ def test_records_beyond_the_checkpoint_are_written_again(scene, whole, tmp_path)
     assert same(folder, shorter) == []
 
 
+def test_what_a_power_cut_leaves_behind_the_checkpoint_is_written_again(scene, whole, tmp_path):
+    """The header of records.npy may reach the disk before the records do, which then are zeros."""
+    folder = tmp_path / "cut"
+    records.run(lasting(scene, 1.0), folder)
+    data = (whole / "records.npy").read_bytes()
+    (folder / "records.npy").write_bytes(data[:-4000] + bytes(4000))
+    with pytest.raises(InputError, match=r"records\.npy: time: is damaged"):
+        tbsa.read_run(folder)
+    assert records.run(scene, folder, resume=True).finished
+    assert same(folder, whole) == []
+
+
 READER = """
 import sys
 import tbsa

@@ -453,11 +453,12 @@ def _read_layout(folder: Path, scene: Scene) -> Layout:
     return layout
 
 
-def _read_records(path: Path, layout: Layout) -> np.memmap[Any, Any]:
-    """The entries of a records file, checked against the layout that it must begin with."""
+def _read_records(path: Path, layout: Layout, most: int | None = None) -> np.memmap[Any, Any]:
+    """The entries of a records file, or so many at most, checked against the layout that it must
+    begin with."""
     _check_readable(path, "is missing")
     try:
-        data = np.load(path, mmap_mode="r", allow_pickle=False)
+        data = np.load(path, mmap_mode="r", allow_pickle=False)[:most]
     except Exception as error:  # as in _read_arrays
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     n = layout.x.size
@@ -501,7 +502,7 @@ def _check_interval(folder: Path, info: dict[str, Any], scene: Scene) -> None:
 def _check_records(path: Path, layout: Layout, keep: int, interval: float) -> np.dtype[Any]:
     """A file that a resumed run goes on with: `keep` entries or more, one every `interval` s;
     returns what an entry is like."""
-    data = _read_records(path, layout)
+    data = _read_records(path, layout, keep)  # what is behind them is written again
     if not os.access(path, os.W_OK):
         raise InputError("must be a file that may be written", file=str(path))
     if data.size < keep or not np.allclose(data["time"][:keep], interval * np.arange(keep),
