@@ -447,6 +447,43 @@ def test_no_phase_is_worse_than_the_worst(seed):
             assert found == pytest.approx(worst.factor, rel=2e-3)
 
 
+def test_islands_are_looked_at_one_by_one_and_the_weakest_decides(monkeypatch):
+    """Tiles that share no contact: linear programs become no larger, and of equal ones not more."""
+    size = []
+
+    def counted(*arguments, solve=statics.linprog, **settings):
+        size.append(len(arguments[0]))
+        return solve(*arguments, **settings)
+
+    monkeypatch.setattr(statics, "linprog", counted)
+
+    def worst(tiles, way=1.0):
+        size.clear()
+        exact = Statics(tiles, PAPER, mating=True, mu=MU, floor=FLOOR, tolerance=2e-3)
+        a, b = uniform(tiles, 1.0, 0.0), uniform(tiles, 0.0, way)
+        return exact, (a, b), exact.worst_phase(a, b), sum(size)
+
+    *_, one, alone = worst(chessboard([(0, 0)], [(9, 9)]))
+    *_, many, together = worst(chessboard([(5 * i, 0) for i in range(6)], [(9, 9)]))
+    assert together < 1.5 * alone
+    assert many == pytest.approx(one)
+    # Bonded to one held tile, two of one on another, and a lone one, which is the weakest; as
+    # islands and as one.
+    tiles = chessboard([(-1, 0), (0, 1), (6, 1), (7, 0), (4, 4)], [(0, 0), (6, 0)])
+    exact, loads, found, _ = worst(tiles, 0.8)
+    whole = exact._worst_phase(*loads, math.inf)
+    assert found.factor == pytest.approx(whole.factor, rel=8e-3)
+    assert found.factor == pytest.approx(FLOOR[0], rel=8e-3)
+    assert max(whole.factor, found.factor) <= min(each.factor + each.error
+                                                  for each in (whole, found)) * (1.0 + 1e-6)
+    assert abs(math.sin(found.phase)) < 0.2  # along x, the larger load
+    # One that is repelled leaves no state of rest, with or without a load of its own.
+    repelled = np.where((tiles.site == (-1, 0)).all(axis=1)[:, None], 2, tiles.glues)
+    exact = Statics(replace(tiles, glues=repelled), PAPER, mating=True, mu=MU, floor=FLOOR)
+    for part in (1.0, tiles.site[:, :1] == 4):
+        assert exact.worst_phase(*(part * load for load in loads)).factor == 0.0
+
+
 def test_the_error_of_the_polygons_is_as_stated():
     tiles = block(3)
     load = uniform(tiles, math.cos(0.3), math.sin(0.3))

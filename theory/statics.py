@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.optimize import linprog
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from theory.magnets import Glues, Law, force, polarity
@@ -229,13 +230,16 @@ class Statics:
         if given.shape != (n,) or not np.array_equal(given, np.floor(given)):
             raise ValueError(f"rigid must be a whole number for each of {n} tiles, not {given}")
         body = np.unique(given, return_inverse=True)[1].reshape(n)  # from 0
-        body = np.where(tiles.held, -1, body)  # the held tiles are one body that does not move
+        self._body = np.where(tiles.held, -1, body)  # held: one body that does not move
         self.magnets = magnet_wrench(tiles, law, mating=mating)
-        self.edges = _shared_edges(tiles, body)
+        self.edges = _shared_edges(tiles, self._body)
         # Not of the floor's torque, whose bound may be as good as none; see :meth:`_wide`.
         self.scale = (max(float(np.abs(self.magnets[:, :2]).max()), floor[0])
                       or min(2.0 * floor[1] / law.width, MOST) or 1.0)
-        self._gather = self._equations(body)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        self._gather = self._equations(self._body)
         self._columns = self._gather @ self._forces()
         self._begin()
 
@@ -553,13 +557,62 @@ class Statics:
         The pairs of coefficients that are borne are a convex set about the origin, and the worst
         phase leads to its nearest edge.  A polygon of borne points is grown outwards from its
         nearest edge: where no point lies beyond this, it is an edge of the set itself, and no
-        phase is worse.
+        phase is worse.  Each island has a set of its own, with fewer edges than all have together;
+        the weakest of them decides.
+        """
+        loads = [np.multiply(*self._load(load)) for load in (a, b)]
+        if not any(load.any() for load in loads):
+            raise ValueError("there is no load")
+        worst, least = Phase(math.inf, math.nan, 0.0), math.inf
+        for island, (part_a, part_b) in self._islands(loads):
+            if part_a.any() or part_b.any():
+                found = island._worst_phase(part_a, part_b, worst.factor)
+                least = min(least, float(found.factor + found.error))
+                worst = min(worst, found, key=lambda phase: phase.factor)
+            elif not island.bears(part_a):
+                return Phase(0.0, math.nan, 0.0)
+        return worst._replace(error=least - worst.factor if worst.error else 0.0)
+
+    def _islands(self, loads: Sequence[Reals]) -> list[tuple[Statics, list[Reals]]]:
+        """Parts that share no contact and no body, with their loads; of equal ones the first.
+
+        The magnets of all tiles act on each as they are.
+        """
+        tiles, body, (a, b, _) = self.tiles, self._body, self.edges.T
+        inner = (body[a] >= 0) & (body[b] >= 0)
+        most = int(body.max()) + 1
+        joined = sparse.coo_array((np.ones(inner.sum()), (body[a[inner]], body[b[inner]])),
+                                  shape=(most, most))
+        number = np.where(tiles.held, -1, connected_components(joined, directed=False)[1][body])
+        names = np.unique(number[tiles.free])
+        if len(names) == 1:
+            return [(self, list(loads))]
+        size = max(self._load(load)[1] for load in loads)
+        found: dict[tuple[bytes, ...], tuple[Statics, list[Reals]]] = {}
+        for name in names:
+            edges = self.edges[(number[a] == name) | (number[b] == name)]
+            which = np.union1d(np.flatnonzero(number == name), edges[:, :2])  # held neighbours too
+            part = copy(self)
+            part.tiles = Tiles(tiles.site[which], tiles.glues[which], tiles.held[which])
+            part.magnets, part._body = self.magnets[which], body[which]
+            part.edges = np.column_stack([np.searchsorted(which, edges[:, :2]), edges[:, 2]])
+            part._prepare()
+            here = [load[which] for load in loads]
+            forces = np.hstack([part.magnets / self.scale, *(load / size for load in here)])
+            forces = np.round(forces, 12) + 0.0  # no -0
+            same = (part.tiles.site - part.tiles.site.min(axis=0), part.tiles.held,
+                    np.unique(part._body, return_inverse=True)[1], forces)
+            found.setdefault(tuple(each.tobytes() for each in same), (part, here))
+        return list(found.values())
+
+    def _worst_phase(self, a: Reals, b: Reals, enough: float) -> Phase:
+        """As :meth:`worst_phase`, of one island; some phase that is not the worst and a factor of
+        `enough` or more, as soon as no phase is below that.
         """
         unit_a, size_a = self._load(a)
         unit_b, size_b = self._load(b)
         size = max(size_a, size_b)
-        if size == 0.0:
-            raise ValueError("there is no load")
+        ratio = self.scale / size
         loads = [unit_a * (size_a / size), unit_b * (size_b / size)]
         # From four rays; what lies further out than twice the shortest does not matter.
         axes = [np.array(axis, float) for axis in ((1, 0), (0, 1), (-1, 0), (0, -1))]
@@ -570,7 +623,8 @@ class Statics:
         length = [ray[0] for ray in rays if ray is not None]
         if min(length) > 0.99 * UNBOUNDED:
             wide = self._wide()
-            return Phase(math.inf, math.nan, 0.0) if wide is None else wide.worst_phase(a, b)
+            return Phase(math.inf, math.nan, 0.0) if wide is None else wide._worst_phase(
+                a, b, enough)
         far = 2.0 * min(length)
         points = [min(r, far) * axis for r, axis in zip(length, axes, strict=True)]
         while True:
@@ -582,12 +636,13 @@ class Statics:
             normal = np.column_stack([way[:, 1], -way[:, 0]]) / np.hypot(*way.T)[:, None]
             height = np.sum(normal * np.array(points), axis=1)
             k = int(np.argmin(height))
+            if height[k] * ratio >= enough:
+                return Phase(float(height[k]) * ratio, math.nan, math.inf)
             found = self._support(loads, normal[k], -far, far)
             assert found is not None
             point, error, _ = found
             beyond = float(normal[k] @ point) - height[k]
             if beyond <= max(2.0 * self.tolerance * abs(height[k]), 1e-6):
-                ratio = self.scale / size
                 return Phase(max(float(height[k]), 0.0) * ratio,
                              math.atan2(normal[k, 1], normal[k, 0]),
                              (max(beyond, 0.0) + error) * ratio)
