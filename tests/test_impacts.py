@@ -1247,6 +1247,25 @@ def test_a_corner_that_is_near_but_does_not_touch_takes_no_part():
     assert s.omega[0] == pytest.approx(11.40816742, rel=1e-7)
 
 
+@pytest.mark.parametrize("top", [5e-4, 1e-3, 2e-3])
+def test_a_corner_that_leaves_takes_no_part_in_the_next_hit(top):
+    """A tile hits a wall with one corner and then the other, a third of a substep later, while a
+    third corner turns away from the wall above, which it has not touched: velocities are those at a
+    16th of the step, whatever the phase."""
+    wall = Reactor("rectangle", width=1.4 * WIDTH, height=1.1 * WIDTH, friction=0.3,
+                   restitution=0.3)
+    half = 0.5 * WIDTH * (math.cos(0.002) + math.sin(0.002))
+    for gap in np.linspace(0.005, 0.015, 11).tolist():
+        start = tile((gap - 0.7) * WIDTH + half, (0.55 - top) * WIDTH - half, 0.002, -0.3,
+                     spin=-0.8)
+        coarse, fine = (simulate([start], reactor=wall, step=H / parts, substeps=4)
+                        for parts in (1, 16))
+        coarse.advance(2)
+        fine.advance(32)
+        assert coarse.counts.impacts[0] == 2
+        assert state(coarse)[3:] == pytest.approx(state(fine)[3:], rel=1e-9)
+
+
 @pytest.mark.parametrize("offset", [*np.linspace(0.009, 0.011, 9).tolist(), 0.01014657])
 def test_a_flat_hit_across_a_joint_is_one_on_a_smooth_wall(offset):
     row = [tile(0.0651, k * WIDTH, held=True) for k in range(-4, 5)]

@@ -1128,11 +1128,13 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
             return TOGETHER
         # What rests on one corner may be about to hit with the other one.
         first, second = (hit == 0.0 or hit == 2.0), (count == 2.0 and (hit == 0.0 or hit == 1.0))
-        gap = min(r[i + GAP0] if first else math.inf, r[i + GAP1] if second else math.inf)
-        leaves = (r[i + WARM0] + r[i + WARM1] == 0.0 and (r[i + VN0] > slow or not first)
-                  and (r[i + VN1] > slow or not second))
         left = z.points[other] & ((1 if first else 0) + (2 if second else 0))
-        if left != 0 or (not leaves and gap < touching(r, i, k)):
+        # What an impact has thrown stands where it comes from: there a point that leaves may be in
+        # the other body.
+        pressed = r[i + WARM0] + r[i + WARM1] > 0.0
+        gap = min(r[i + GAP0] if first and (pressed or r[i + VN0] <= slow) else math.inf,
+                  r[i + GAP1] if second and (pressed or r[i + VN1] <= slow) else math.inf)
+        if left != 0 or gap < touching(r, i, k):
             return TOGETHER
     return ALONE
 
