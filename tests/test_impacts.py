@@ -1266,6 +1266,50 @@ def test_a_corner_that_leaves_takes_no_part_in_the_next_hit(top):
         assert state(coarse)[3:] == pytest.approx(state(fine)[3:], rel=1e-9)
 
 
+def off_by_phase(tiles, late, **parts):
+    """By how much (m/s) velocities after three steps differ from those at a 16th of the step, where
+    these tiles begin by so much later (s) than they might, for phases of a substep."""
+    off = []
+    for time in np.linspace(0.0, H / 4, 9).tolist():
+        begun = [replace(each, position=(each.position[0] - time * each.velocity[0],
+                                         each.position[1] - time * each.velocity[1]),
+                         angle=each.angle - time * each.spin) if k in late else each
+                 for k, each in enumerate(tiles)]
+        coarse, fine = (simulate(begun, step=H / parts_of, substeps=4, tolerance=1e-5, passes=40,
+                                 **parts) for parts_of in (1, 16))
+        coarse.advance(3)
+        fine.advance(48)
+        off.append(np.abs(state(coarse)[3:] - state(fine)[3:])[:2].max())
+    return np.array(off)
+
+
+def test_what_a_plastic_hit_has_left_together_is_hit_as_one():
+    """A tile hits another, which gives nothing back, and then a wall in the same substep, while its
+    spin presses it to the other: they are hit together, as where a step lies between."""
+    tiles = [tile(-0.002966, 0.014586, 4.916276, -0.271933, 0.441678, -13.14964),
+             tile(-0.03729, 0.003548, 4.447782, 0.616174, 0.140142, -6.699254)]
+    off = off_by_phase(tiles, (0, 1), body=material(friction=0.1, restitution=0.0,
+                                                    restitution_threshold=0.01),
+                       reactor=Reactor("rectangle", width=0.3, height=0.065196756, friction=0.9,
+                                       restitution=1.0))
+    assert off.max() < 0.01
+
+
+def test_what_rocks_on_a_wall_under_a_load_is_hit_with_the_wall():
+    """Its arc takes the corner off by what the load presses back: it touches when the hit comes."""
+    angle = 1.673287586
+    reach = 0.5 * WIDTH * (abs(math.cos(angle)) + math.sin(angle))
+    tiles = [tile(-0.052287223, 0.1 - TOUCH - reach, angle, -0.22309227, 0.181474786, -13.55649),
+             tile(-0.02956642, 0.049487975, 2.781003289, 0.052396477, 1.04581082)]
+    off = off_by_phase(tiles, (1,), body=material(friction=0.25, restitution=0.5,
+                                                  restitution_threshold=0.01),
+                       reactor=Reactor("rectangle", width=0.2, height=0.2, friction=0.5,
+                                       restitution=0.1),
+                       drive=Drive("constant", (-0.025, 0.14)), floor=Floor(linear=0.1,
+                                                                            angular=0.1))
+    assert off.max() < 0.01
+
+
 @pytest.mark.parametrize("offset", [*np.linspace(0.009, 0.011, 9).tolist(), 0.01014657])
 def test_a_flat_hit_across_a_joint_is_one_on_a_smooth_wall(offset):
     row = [tile(0.0651, k * WIDTH, held=True) for k in range(-4, 5)]

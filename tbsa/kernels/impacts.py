@@ -121,6 +121,8 @@ NOWHERE = 1e-5
 # A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
 # no more than so many; among what hits, this one.
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
+# What was pressed, and is yet, has no further gap than this (widths) at the time of an impact.
+BARELY = 1e-4
 # It has as many passes at least, as nothing gives back what it leaves; n tiles in a row need n^2.
 AT_LEAST = 1000
 # What was pressed comes off if it goes faster than this part of the fastest corner of its tiles, as
@@ -545,6 +547,15 @@ def glances(k: Numbers, dx: float, dy: float, ca: float, sa: float, cb: float, s
 
 
 @lane
+def rocks_off(r: np.ndarray, i: int, k: Numbers, turn: float, time: float) -> float:
+    """How fast a point of the row in lane i that was pressed may leave after a time (s) along its
+    arc, and be in contact: by how its bodies turn (rad/s), but no faster than what it was pressed
+    with gives (m/s)."""
+    return float(min(turn * turn * k.width * (time + 0.5 * k.h),
+                     r[i + K00] * r[i + WARM0] + r[i + K11] * r[i + WARM1]))
+
+
+@lane
 def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float,
             begin: float) -> Any:
@@ -617,10 +628,8 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             other, vn = (gap0, vn0) if second else (gap1, vn1)
             # A corner that leaves is not in contact, though near yet and slower than a bounce; but
             # one that was pressed leaves along its arc as nothing has pressed it on the way.
-            turn = abs(w[a]) + abs(w[b])
-            leaves = min(turn * turn * k.width * (time + 0.5 * k.h),
-                         r[i + K00] * r[i + WARM0] + r[i + K11] * r[i + WARM1])
-            leaves = k.tolerance + (leaves if z.since[a] + z.since[b] == 0.0 else 0.0)
+            leaves = k.tolerance + (rocks_off(r, i, k, abs(w[a]) + abs(w[b]), time)
+                                    if z.since[a] + z.since[b] == 0.0 else 0.0)
             if count == 2.0 and ((first and second) or abs(gap1 - gap0) < FLUSH * k.width
                                  or (other < near and -slow <= vn <= leaves)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
@@ -768,6 +777,8 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
                 + bn * z.gainw[b] - an * z.gainw[a])
         if k.h * curve < gain:
             leave_on_arc(rows, row, an, bn, -0.5 * curve, k)
+        else:
+            stay_together(rows, row, an, bn, k, z)
 
 
 @inline
@@ -982,6 +993,32 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
 
+@inline
+def nearest_in(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, time: float) -> float:
+    """The gap (m) of the nearer point of row q at the time of an impact (s): as its tiles go; or as
+    it is, of one that was pressed, and leaves no faster than its arc takes it off, if nothing has
+    hit its tiles in this substep, and they do not turn fast: what presses it goes on."""
+    r, body, t = rows.field, rows.body, U(q // WIDE) * BODIES + U(q % WIDE)
+    at, turn, hit = lane_of(q), 0.0, False
+    gap: float = gap_in(r, at + GAP0, time)
+    if r[at + COUNT] == 2.0:
+        gap = min(gap, gap_in(r, at + GAP1, time))
+    if gap <= NOWHERE * k.width or gap > BARELY * k.width:
+        return gap
+    for i in (body[t], body[t + LANES]):
+        if v.mobile[i] != 0.0:
+            turn += abs(z.uw[i] if z.in_it[i] != 0 else v.w[i])  # without the impact
+            hit |= z.since[i] != 0.0
+    if hit or k.h * turn > SWEPT:
+        return gap
+    leaves = k.tolerance + rocks_off(r, at, k, turn, time)
+    if r[at + WARM0] > 0.0 and r[at + VN0] <= leaves:
+        gap = min(gap, r[at + GAP0])
+    if r[at + WARM1] > 0.0 and r[at + VN1] <= leaves:
+        gap = min(gap, r[at + GAP1])
+    return gap
+
+
 @lane
 def left_of(k: Numbers, pace: float) -> float:
     """What a solve leaves of an impact that has come as fast as this (m/s)."""
@@ -1030,9 +1067,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                     if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
                         continue
                     if known[other] == 0:
-                        gap = gap_in(r, i + GAP0, z.time[q])
-                        if r[i + COUNT] == 2.0:
-                            gap = min(gap, gap_in(r, i + GAP1, z.time[q]))
+                        gap = nearest_in(rows, other, k, v, z, z.time[q])
                         if gap > touching(r, i, k) and z.points[other] & 3 == 0:
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
