@@ -1275,11 +1275,11 @@ def off_by_phase(tiles, late, **parts):
                                          each.position[1] - time * each.velocity[1]),
                          angle=each.angle - time * each.spin) if k in late else each
                  for k, each in enumerate(tiles)]
-        coarse, fine = (simulate(begun, step=H / parts_of, substeps=4, tolerance=1e-5, passes=40,
-                                 **parts) for parts_of in (1, 16))
+        coarse, fine = (simulate(begun, step=H / finer, substeps=4, tolerance=1e-5, passes=40,
+                                 **parts) for finer in (1, 16))
         coarse.advance(3)
         fine.advance(48)
-        off.append(np.abs(state(coarse)[3:] - state(fine)[3:])[:2].max())
+        off.append(np.abs(state(coarse)[3:5] - state(fine)[3:5]).max())
     return np.array(off)
 
 
