@@ -6,8 +6,6 @@ fast rotations and from solves that end before they have converged.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from tbsa.kernels.arrays import copy, set_all
@@ -16,11 +14,10 @@ from tbsa.kernels.contacts import NOTED, RESTS, SWEPT
 from tbsa.kernels.crew import DEEP, LEAST_BLOCKS, LEAST_ROWS, PART, Crew, collect, give
 from tbsa.kernels.geometry import (
     CIRCLE,
-    arc,
     circle_corner,
     corner_arm,
-    cos_sin,
     square_square,
+    turned_on,
     wall_square,
 )
 from tbsa.kernels.jit import ZERO, U, inline, lane, rolled
@@ -82,17 +79,6 @@ FLYING = 2.0
 PROJECTIONS, FURTHER, DEEPER, FEW_ROWS = 2, 18, 3.0, 64
 # A list of so many rows is put in the order of the blocks, so that threads share those of a colour.
 MANY_ROWS = 1024
-
-
-@lane
-def turned_on(c: float, s: float, turn: float) -> Any:
-    """Cosine and sine after a turn (rad) from where they are c and s: to 1e-7, with a third of the
-    work, where that is as small as mostly in a substep."""
-    up, over = arc(turn)
-    cos, sin = 1.0 - up, turn - over
-    if abs(turn) > 0.5:
-        cos, sin = cos_sin(turn)
-    return c * cos - s * sin, s * cos + c * sin
 
 
 @inline

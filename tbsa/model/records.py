@@ -243,7 +243,7 @@ def _read_arrays(path: Path, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]
     return arrays
 
 
-def _frame(n: int, *, checked: bool = True) -> np.dtype[Any]:
+def entry_type(n: int, *, checked: bool = True) -> np.dtype[Any]:
     """An entry of records.npy; those of runs of before 0.29.0 have no checksum.
 
     It is of 8 bytes, so that the numbers of all entries are where Numba wants them.
@@ -462,9 +462,9 @@ def _read_records(path: Path, layout: Layout, most: int | None = None) -> np.mem
     except Exception as error:  # as in _read_arrays
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     n = layout.x.size
-    checked = data.dtype == _frame(n)
+    checked = data.dtype == entry_type(n)
     if not (isinstance(data, np.memmap) and data.ndim == 1
-            and (checked or data.dtype == _frame(n, checked=False))):
+            and (checked or data.dtype == entry_type(n, checked=False))):
         raise InputError(f"does not belong to this run of {n} tiles", file=str(path))
     if data.size == 0:
         raise InputError("holds no record yet", file=str(path))
@@ -734,7 +734,7 @@ def _check_new(folder: Path, n: int) -> list[Path]:
                          file=str(folder))
     there = list(folder.iterdir()) if folder.exists() else []
     records = folder / "records.npy"  # the first that a run makes
-    begun = records in there and records.stat().st_size <= _frame(n).itemsize + 4096
+    begun = records in there and records.stat().st_size <= entry_type(n).itemsize + 4096
     left = [path for path in there if path != records]
     if there and not (begun and all((_of_scratch(path) or path.name) in REPLACED
                                     for path in left)):
@@ -759,7 +759,7 @@ def _write_run(folder: Path, simulation: Simulation, drive: bytes | None, mark: 
     end = round(scene.run.duration / scene.solver.step)
     path = folder / "records.npy"
     # An end off the grid of record times leaves an entry of its own; going on drops it.
-    keep, frame = simulation.steps // every + 1 if resume else 0, _frame(simulation.numbers.n)
+    keep, frame = simulation.steps // every + 1 if resume else 0, entry_type(simulation.numbers.n)
     if resume:
         frame = _check_records(path, simulation.layout, keep, every * scene.solver.step)
         for left in folder.glob(".*.*") if alone else ():  # by one that was killed while it wrote

@@ -57,6 +57,7 @@ from tbsa.model.layout import initial_layout
 from tbsa.model.records import (
     Busy,
     Stop,
+    entry_type,
     interrupts,
     locked,
     may_be_filled,
@@ -748,7 +749,8 @@ class _Bar:
                 if each.name not in ended:
                     with contextlib.suppress(OSError):
                         size = (_folder(self.out, each) / "records.npy").stat().st_size
-                        end = each.scene.record.interval * (size // (16 + 48 * each.tiles) - 1)
+                        last = size // entry_type(each.tiles).itemsize - 1
+                        end = each.scene.record.interval * last
                         share = min(max(end / each.scene.run.duration, 0.0), 1.0)
                         self.reached[each.name] = each.cost * share
         return math.fsum(done for name, done in self.reached.items() if name not in ended)
