@@ -42,7 +42,6 @@ import tbsa
 from tbsa.errors import InputError
 from tbsa.kernels import advance as core
 from tbsa.kernels import jit
-from tbsa.kernels.advance import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
 from tbsa.kernels.arrays import copy, lean, set_all, whole
 from tbsa.kernels.bodies import Numbers, empty_bodies
 from tbsa.kernels.contacts import look, out_of_reach, place_block
@@ -72,6 +71,7 @@ from tbsa.kernels.rows import (
     find_rows,
     recall,
 )
+from tbsa.kernels.state import MORE_MAGNETS, MORE_PAIRS, MORE_ROWS
 from tbsa.model.layout import Layout
 from tbsa.model.records import OF_PROCESS
 from tbsa.model.scene import Drive, Floor, Free, Magnet, Material, Reactor, Run, Seed, TileType

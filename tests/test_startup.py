@@ -481,7 +481,7 @@ def test_the_report_of_a_run_passes_over_counters_that_are_not_there():
 
 
 def test_every_counter_of_the_core_has_its_words():
-    from tbsa.kernels.advance import Counts
+    from tbsa.kernels.state import Counts
     from tbsa.work.report import _SHOWN_WITH_OTHERS
 
     assert set(Counts._fields) <= {*DONE, *LEFT_OUT, *_SHOWN_WITH_OTHERS}

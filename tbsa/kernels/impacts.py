@@ -8,51 +8,38 @@ normal impulse of compression, with friction of its own bound mu times its own i
 pair of problems may gain energy where friction couples points; the decompression of an island
 is then shortened until its kinetic energy does not rise.
 
-Impacts are those of the velocities that tiles have when they meet.  Forces, floor, and the walls
-and held tiles that bear it first give a tile its gain of the substep (`draw`), so that it goes the
-way that it would without the impact; when it hits, it has the part of the gain that goes with that
-time (`share`).  Afterwards the gain is taken back, as the contact solve gives it again.  What lies
-on tiles that move has no gain of forces.
-
-What would hit if it went on at its present rates, but does not on its arc, is let go; and what
-turns fast may hit with other corners than its row tells of.  Whatever hits in a substep does so in
-the order of time, each impact telling what comes next; what does not hit before its end is left to
-go on (`fly_on`), and hits in the next one.
+Impacts are those of the velocities that tiles have when they meet (`gains.py`), on their arcs
+(`meetings.py`).  Whatever hits in a substep does so in the order of time, each impact telling what
+comes next; what does not hit before its end is left to go on (`fly_on`), and hits in the next one.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from tbsa.kernels.arrays import columns, set_all
+from tbsa.kernels.arrays import set_all
 from tbsa.kernels.bodies import Bodies, Numbers
-from tbsa.kernels.contacts import (
-    GRAZED,
-    NEVER,
-    NOTED,
-    RESTS,
-    SPARE,
-    SWEPT,
-    never_queue,
-    place_row,
-    weigh,
+from tbsa.kernels.contacts import NEVER, NOTED, RESTS, SPARE, SWEPT, never_queue, place_row, weigh
+from tbsa.kernels.early import note_early
+from tbsa.kernels.gains import comes_off, draw, redraw, share
+from tbsa.kernels.geometry import CIRCLE, cos_sin
+from tbsa.kernels.hits import (
+    NOWHERE,
+    SAME,
+    TOUCHING,
+    Loads,
+    Scratch,
+    approach,
+    corner_speed,
+    pair_speed,
 )
-from tbsa.kernels.floor import NONE, FloorLaw, floor_impulse, friction_of
-from tbsa.kernels.geometry import (
-    BLUNT,
-    CIRCLE,
-    circle_corner,
-    corner_arm,
-    cos_sin,
-    square_square,
-    wall_square,
-)
-from tbsa.kernels.jit import ZERO, U, apart, inline, lane
+from tbsa.kernels.jit import ZERO, U, inline, lane
+from tbsa.kernels.meetings import ALONE, LATER, TOGETHER, fly_on, meeting, rocks_off
 from tbsa.kernels.projection import clears
-from tbsa.kernels.queue import Queue, empty_queue, put, take
+from tbsa.kernels.queue import put, take
 from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
     AN0,
@@ -98,572 +85,20 @@ from tbsa.kernels.rows import (
     Rows,
     lane_of,
     root,
-    wall_code,
 )
 from tbsa.kernels.sweeps import solve_row
 
-# Points nearer than this fraction of the width take part in an impact of their tiles, at most.
-TOUCHING = 1e-3
-# Two points of a manifold whose gaps differ by less hit together.
-FLUSH = 1e-6
-# Error of a gap for each metre of where its tiles are: some units in the last place.
-ROUNDING = 2e-15
-# How a point that is about to hit meets the other body: what is more, holds.
-ALONE, TOGETHER, LATER, SLOW = 0, 1, 2, 3
-# Steps of the search for a meeting; the last few of them are Newton's.
-SEARCH = 60
-# Where its steps would get ever shorter, they are no shorter than this part of the substep.
-SOON = 2.0 / SEARCH
-# Hits of one tile at times that differ by less than this part of the substep are one.
-SAME = 1e-3
-# Tiles that come no further than this fraction of the width until they hit are left where they are.
-NOWHERE = 1e-5
 # A solve of impacts leaves this part of the fastest approach, though no less than a tolerance, and
 # no more than so many; among what hits, this one.
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
-# What was pressed, and is yet, has no further gap than this (widths) at the time of an impact.
-BARELY = 1e-4
 # It has as many passes at least, as nothing gives back what it leaves; n tiles in a row need n^2.
 AT_LEAST = 1000
-# What was pressed comes off if it goes faster than this part of the fastest corner of its tiles, as
-# one is seen from the other.
-OFF = 0.01
-# What was pressed hits if it comes faster than this part of that, and than a solve leaves it.
-PARTED = 0.05
-# What bears a tile is found up to this part of what forces give it in the substep.
-BORNE = 1e-3
+# What was pressed, and is yet, has no further gap than this (widths) at the time of an impact.
+BARELY = 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 OFTEN = 60
 # In ``points``: an impact of this substep has left a row together, if none that came after it.
 LISTED = 4
-
-
-class Scratch(NamedTuple):
-    """Scratch of the impacts, by rows (WIDE block + lane) and by bodies."""
-
-    queue: Queue  # the rows that hit, by when in the substep (s)
-    known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
-    rows: np.ndarray  # int64, the rows that take part
-    time: np.ndarray  # s, when in the substep the impact reaches a row
-    in_it: np.ndarray  # int64[n], whether a tile takes part
-    tiles: np.ndarray  # int64, the tiles that do
-    pace: np.ndarray  # m/s, the fastest approach of what has reached it
-    struck: np.ndarray  # int64, how often one has hit
-    island: np.ndarray  # int64, union-find over them
-    ux: np.ndarray  # velocities before a phase
-    uy: np.ndarray
-    uw: np.ndarray
-    most: np.ndarray  # J, energy that an island may have
-    energy: np.ndarray
-    mixed: np.ndarray
-    since: np.ndarray  # s, from when in the substep a tile has gone as it goes now
-    when: np.ndarray  # s, how far in the substep a tile of an impact has flown on
-    part: np.ndarray  # the share of its gain that it has there
-    gainx: np.ndarray  # m/s, what forces and floor give a tile in the substep
-    gainy: np.ndarray
-    gainw: np.ndarray  # rad/s
-    owedx: np.ndarray  # m/s, what it is to get besides when all that hits has hit
-    owedy: np.ndarray
-    owedw: np.ndarray  # rad/s
-    drawn: np.ndarray  # int64, whether it has been asked for that
-    leans: np.ndarray  # int64, and lies on a tile that moves, so that forces are no part of it
-    pulled: np.ndarray  # int64, the tiles that have
-    left: np.ndarray  # int64, the rows that an impact of this substep has left together
-    points: np.ndarray  # int64, and which of their points: 1, 2 or 3, and LISTED; 0 of all others
-    thrown: np.ndarray  # int64, the rows that an impact of this substep throws on, though pressed
-    lost0: np.ndarray  # N s, what their points bore until then; 0 of all others
-    lost1: np.ndarray
-    lostt: np.ndarray  # N s, and their friction
-    was0: np.ndarray  # the feature ids of these points
-    was1: np.ndarray
-    size: np.ndarray  # int64[6], rows and tiles that take part, tiles that are asked, rows `left`
-    # and `thrown`; 1 if an impact of this substep has ended at the limit of its passes
-
-
-def empty_scratch(n: int, blocks: int) -> Scratch:
-    """Scratch of `n` tiles and of `blocks` blocks of rows."""
-    whole = {"in_it", "tiles", "struck", "island", "drawn", "leans", "pulled"}
-    parts = [empty_queue(WIDE * blocks), *columns(WIDE * blocks, [int, int, float])]
-    of_tiles = Scratch._fields[4:Scratch._fields.index("left")]
-    parts += columns(n + 1, [int if f in whole else float for f in of_tiles])
-    parts += columns(WIDE * blocks, [int, int, int, float, float, float, float, float])
-    return Scratch._make([*parts, np.zeros(6, np.int64)])
-
-
-class Loads(NamedTuple):
-    """What acts on the tiles during a substep."""
-
-    h: float  # s, its length
-    gain: float  # m, how much further two tiles may come through it than as they go
-    fx: np.ndarray  # N
-    fy: np.ndarray
-    torque: np.ndarray  # N m
-    floor: FloorLaw
-    end: float  # s, from its middle; inf where nobody looks at the tiles then
-    slow: float  # what damping leaves of velocities until then
-    slow_spin: float
-    early: np.ndarray  # int64[n + 1], how many tiles hit only after that, and which; and ...
-    seen: np.ndarray  # float64[6 n], their x, y, angle, vx, vy and omega at the end (SI units)
-
-
-@inline
-def note_seen(loads: Loads, i: int, x: float, y: float, angle: float, vx: float, vy: float,
-              w: float) -> None:
-    """Note where tile i is at the end of the substep, going like this from its middle on."""
-    early, seen, end, m = loads.early, loads.seen, loads.end, loads.early[0]
-    early[0], early[m + 1] = m + 1, i
-    ux, uy, uw = loads.slow * vx, loads.slow * vy, loads.slow_spin * w
-    for f, number in enumerate((x + end * ux, y + end * uy, angle + end * uw, ux, uy, uw)):
-        seen[6 * m + f] = number
-
-
-@apart
-def note_early(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
-               i: int) -> None:
-    """Note where tile i will be at the end of the substep, as it hits only after that, if it is
-    for the first time: an impact puts it to where its new velocity comes from, within what it
-    hits."""
-    for j in range(loads.early[0]):
-        if loads.early[j + 1] == i:
-            return
-    note_seen(loads, i, x[i], y[i], angle[i], v.vx[i], v.vy[i], v.w[i])
-
-
-@inline
-def note_before(loads: Loads, v: Bodies, x: np.ndarray, y: np.ndarray, angle: np.ndarray,
-                i: int) -> None:
-    """Note that tile i goes on as before the solve, if it does for the first time."""
-    if v.mobile[i] != 0.0 and v.moved[i] == 0:
-        v.moved[i] = 1
-        note_seen(loads, i, x[i], y[i], angle[i], v.startx[i], v.starty[i], v.startw[i])
-
-
-@apart
-def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: np.ndarray,
-                 y: np.ndarray, angle: np.ndarray) -> None:
-    """Note as well what the tiles that hit after the end have pressed on in the solve, from where
-    they go then: it goes on as it did, so that momentum is that of one moment.
-
-    Without forces, so does all that hangs together with one, if contacts have done work on the
-    rest: they have not on all of it (`u`: velocities before the solve).
-    """
-    early, moved, r, body, island, work = (loads.early, v.moved, rows.field, rows.body,
-                                           rows.island, v.change)
-    set_all(moved, k.n + 1, ZERO)
-    for j in range(early[0]):
-        moved[early[j + 1]] = 1
-    j = 0
-    while j < early[0]:
-        j += 1
-        for p in range(rows.start[early[j]], rows.start[early[j] + 1]):
-            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-            if r[at + PN0] != 0.0 or r[at + PN1] != 0.0 or r[at + PT] != 0.0:
-                note_before(loads, v, x, y, angle, body[t])
-                note_before(loads, v, x, y, angle, body[t + LANES])
-    if loads.gain > 0.0:
-        return
-    set_all(work, k.n + 1, 0.0)
-    for i in range(k.n):
-        if v.mobile[i] != 0.0 and moved[i] == 0:
-            work[island[i]] += (
-                k.mass * ((v.vx[i] - u.vx[i]) * (v.vx[i] + u.vx[i])
-                          + (v.vy[i] - u.vy[i]) * (v.vy[i] + u.vy[i]))
-                + k.inertia * (v.w[i] - u.w[i]) * (v.w[i] + u.w[i]))
-    for j in range(early[0]):
-        i = island[early[j + 1]]
-        work[i] = math.inf if work[i] > 0.0 else work[i]
-    for i in range(k.n):
-        if work[island[i]] == math.inf:
-            note_before(loads, v, x, y, angle, i)
-
-
-@apart
-def forget_early(rows: Rows, n: int, loads: Loads, shift: Bodies) -> None:
-    """Take back the notes of what hangs together with one that projection has moved, as that has
-    changed its velocities, too; where forces act, they are moved along."""
-    early, seen, island, moved = loads.early, loads.seen, rows.island, shift.moved
-    if loads.gain > 0.0:
-        for j in range(early[0]):
-            i = early[j + 1]
-            for f, way in enumerate((shift.vx[i], shift.vy[i], shift.w[i])):
-                seen[6 * j + f] += way
-        return
-    set_all(moved, n + 1, ZERO)
-    for j in range(1, early[0] + 1):
-        i = early[j]
-        if shift.vx[i] != 0.0 or shift.vy[i] != 0.0 or shift.w[i] != 0.0:
-            moved[island[i]] = 1
-    m = 0
-    for j in range(early[0]):
-        early[m + 1] = early[j + 1]
-        for f in range(6):
-            seen[6 * m + f] = seen[6 * j + f]
-        m += 1 - moved[island[early[j + 1]]]
-    early[0] = m
-
-
-@lane
-def approach(r: np.ndarray, at: int, v: Bodies, a: int, b: int) -> Any:
-    """Normal velocities of the points of a row of bodies a and b (m/s), < 0 where they come."""
-    along = r[at + NX] * (v.vx[b] - v.vx[a]) + r[at + NY] * (v.vy[b] - v.vy[a])
-    return (along + r[at + BN0] * v.w[b] - r[at + AN0] * v.w[a],
-            along + r[at + BN1] * v.w[b] - r[at + AN1] * v.w[a])
-
-
-@inline
-def stays_on(r: np.ndarray, at: int, v: Bodies, a: int, b: int, slow: float) -> bool:
-    """Whether a point of a row of bodies a and b that was pressed does not come off, faster than
-    `slow` (m/s)."""
-    vn0, vn1 = approach(r, at, v, a, b)
-    return bool((r[at + WARM0] > 0.0 and vn0 <= slow) or (r[at + WARM1] > 0.0 and vn1 <= slow))
-
-
-@lane
-def lies_on(rows: Rows, k: Numbers, v: Bodies, tile: int, slow: float, part: float) -> Any:
-    """Whether a tile was pressed against one that moves, and does not come off it, faster than
-    `slow` (m/s) and `part` of the fastest that one of them sees of the other; and whether it was
-    against a wall or a held one."""
-    r, body, mobile, held = rows.field, rows.body, v.mobile, False
-    for p in range(rows.start[tile], rows.start[tile + 1]):
-        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-        a, b = U(body[t]), U(body[t + LANES])
-        if r[at + WARM0] + r[at + WARM1] == 0.0:
-            continue
-        if mobile[a] * mobile[b] == 0.0:
-            held = True
-        elif stays_on(r, at, v, a, b, slow + part * pair_speed(k, v, a, b)):
-            return True, held
-    return False, held
-
-
-@inline
-def bears(warm: float, stopped: float, gap: float, vn: float, slow: float, k: Numbers) -> bool:
-    """Whether a point bears what presses there: it did (`stopped`: how much, m/s), or touches.
-
-    Not if it comes faster than `slow` (m/s), or as what hits does: its speed is for the impact.
-    """
-    little = GRAZED * k.tolerance
-    return (vn >= -(slow if stopped > little else k.threshold + little)
-            and (warm > 0.0 or gap < NOWHERE * k.width))
-
-
-@lane
-def comes_off(k: Numbers, threshold: float, fastest: float) -> float:
-    """How fast a pressed point may come (m/s) and still be borne, if no corner of its tiles is
-    faster than `fastest`, one as seen from the other: as fast as a solve leaves it."""
-    return max(threshold + k.tolerance, PARTED * fastest)
-
-
-@lane
-def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: float, slow: float,
-         least: float) -> None:
-    """Let walls and held tiles bear tile i as they did in the substep before: as the contact solve,
-    of this tile alone, to `least` (m/s).  It has gone with vx, vy, w, and what comes faster than
-    `slow` (m/s) is not borne."""
-    r, body, mobile = rows.field, rows.body, v.mobile
-    for number in range(k.passes):
-        most = 0.0
-        for p in range(rows.start[i], rows.start[i + 1]):
-            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
-            of_a = body[t] == i
-            side = -1.0 if of_a else 1.0
-            along = side * (r[at + NX] * vx + r[at + NY] * vy)
-            vn0 = along + side * w * (r[at + AN0] if of_a else r[at + BN0])
-            vn1 = along + side * w * (r[at + AN1] if of_a else r[at + BN1])
-            first = bears(r[at + WARM0], r[at + K00] * r[at + WARM0], r[at + GAP0], vn0, slow, k)
-            second = bears(r[at + WARM1], r[at + K11] * r[at + WARM1], r[at + GAP1], vn1, slow, k)
-            if (r[at + COUNT] == 0.0 or mobile[body[t]] * mobile[body[t + LANES]] != 0.0
-                    or not (first or second)):
-                continue
-            if number == 0:
-                r[at + PN0] = r[at + PN1] = r[at + PT] = 0.0
-            want0, want1 = r[at + WANT0], r[at + WANT1]
-            r[at + WANT0], r[at + WANT1] = want0 if first else NEVER, want1 if second else NEVER
-            most = max(most, solve_row(rows, rows.of[p], k.per_mass, v))
-            r[at + WANT0], r[at + WANT1] = want0, want1
-        if most <= least:
-            break
-    for p in range(rows.start[i], rows.start[i + 1]):
-        at = lane_of(rows.of[p])
-        r[at + PN0], r[at + PN1], r[at + PT] = r[at + WARM0], r[at + WARM1], r[at + WARMT]
-
-
-@inline
-def load(rows: Rows, k: Numbers, loads: Loads, v: Bodies, i: int, slow: float,
-         part: float) -> bool:
-    """Give tile i what forces and what bears it give it in the substep.
-
-    Nothing, if it lies on a tile that moves, and does not come off it (see `lies_on`): what the two
-    bear is not known from one of them.  Returns whether that is so.
-    """
-    ux, uy, uw = (loads.h * k.im * loads.fx[i], loads.h * k.im * loads.fy[i],
-                  loads.h * k.ii * loads.torque[i])
-    most = math.sqrt(ux * ux + uy * uy) + 0.7072 * k.width * abs(uw)
-    if most == 0.0:
-        return False
-    among, held = lies_on(rows, k, v, i, slow, part)
-    if among:
-        return True
-    vx, vy, w = v.vx[i], v.vy[i], v.w[i]
-    borne = comes_off(k, k.threshold, corner_speed(k, v, i))
-    v.vx[i], v.vy[i], v.w[i] = vx + ux, vy + uy, w + uw
-    if held:
-        bear(rows, k, v, i, vx, vy, w, borne, BORNE * most)
-    return False
-
-
-@lane
-def draw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
-         s: np.ndarray, i: int) -> None:
-    """Give tile i, once, what forces, floor and what bears it give it in the substep if it meets
-    nothing."""
-    if v.mobile[i] == 0.0 or z.drawn[i] != 0:
-        return
-    z.drawn[i] = 1
-    z.pulled[z.size[2]] = i
-    z.size[2] += 1
-    h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
-    z.leans[i] = 1 if load(rows, k, loads, v, i, math.inf, 0.0) else 0
-    tx, ty, tw = v.vx[i], v.vy[i], v.w[i]
-    if floor.law != NONE:
-        px, py, pt, stops, halts = floor_impulse(
-            floor.law, vx, vy, w, tx, ty, tw, 1.0 / im, 1.0 / ii, floor.force * h,
-            floor.torque * h, c[i], s[i])
-        tx, ty = (0.0 if stops else tx + im * px), (0.0 if stops else ty + im * py)
-        tw = 0.0 if halts else tw + ii * pt
-    z.gainx[i], z.gainy[i], z.gainw[i] = tx - vx, ty - vy, tw - w
-    v.vx[i], v.vy[i], v.w[i] = tx, ty, tw
-
-
-@inline
-def redraw(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: np.ndarray,
-           s: np.ndarray, i: int, part: float) -> None:
-    """The gain of tile i as it goes after an impact, of which it then has this `part` besides:
-    friction with the floor is against its new way, and what bore it may have come off.
-
-    What lay on tiles that move, and comes off, has had no part of what forces give it, and is owed
-    the whole of it: to take a part from it alone would change the momentum of all.
-    """
-    h, floor, im, ii, vx, vy, w = loads.h, loads.floor, k.im, k.ii, v.vx[i], v.vy[i], v.w[i]
-    if v.mobile[i] == 0.0 or loads.gain == 0.0:  # without forces and floor there is none
-        return
-    px, py, pt = 0.0, 0.0, 0.0
-    if floor.law != NONE:
-        px, py, pt = friction_of(floor.law, vx, vy, w, 1.0 / im, 1.0 / ii, floor.force * h,
-                                 floor.torque * h, c[i], s[i])
-    leans = load(rows, k, loads, v, i, 0.0 if z.leans[i] != 0 else -math.inf, OFF)
-    gx, gy, gw = v.vx[i] - vx, v.vy[i] - vy, v.w[i] - w
-    z.gainx[i], z.gainy[i], z.gainw[i] = gx + im * px, gy + im * py, gw + ii * pt
-    v.vx[i], v.vy[i], v.w[i] = vx, vy, w
-    if z.leans[i] != 0 and not leans:
-        z.owedx[i] += (1.0 + part) * gx
-        z.owedy[i] += (1.0 + part) * gy
-        z.owedw[i] += (1.0 + part) * gw
-    z.leans[i] = 1 if leans else 0
-
-
-@inline
-def share(v: Bodies, z: Scratch, i: int, part: float) -> None:
-    """Give a body this part of its gain, besides."""
-    v.vx[i] += part * z.gainx[i]
-    v.vy[i] += part * z.gainy[i]
-    v.w[i] += part * z.gainw[i]
-
-
-@inline
-def safe(gap: float, rate: float, curve: float) -> float:
-    """How long a gap surely stays open, or gets no less where it is closed (s): one of this rate
-    (m/s), with a second derivative of no less than minus `curve`."""
-    room = 2.0 * max(gap, 0.0)
-    d = math.sqrt(rate * rate + curve * room)
-    return room / (d - rate) if rate < 0.0 else (rate + d) / max(curve, 1e-300)
-
-
-@inline
-def until_touch(k: Numbers, dx: float, dy: float, ux: float, uy: float, face: float, spin: float,
-                c: float, s: float, nx: float, ny: float, side: float, stopped: float,
-                left: float, least: float, again: float) -> float:
-    """How long no corner of a square surely reaches the face that keeps it apart (s; inf where none
-    does in what is `left`).
-
-    Corners that rest there are not waited for; one that is near and leaves, faster than `stopped`
-    (m/s, negative), is looked at again `SOON`, by when it can be back by next to nothing; one that
-    is there, no further than `least` (m), and has not hit, after a time `again`.
-
-    From a to b the way is d, the relative velocity u, and the normal n; `side` is 1 where the face
-    is a's and -1 where it is b's.  The face turns with `face`, the other square, now at c, s, with
-    `spin` (rad/s).
-    """
-    half = 0.5 * k.width
-    radius = math.sqrt(2.0) * half
-    speed = math.sqrt(ux * ux + uy * uy)
-    far = math.sqrt(dx * dx + dy * dy) + speed * k.h + radius
-    curve = (face * face * far + 2.0 * abs(face) * (speed + radius * abs(spin))
-             + spin * spin * radius)
-    near, slow = TOUCHING * k.width, k.threshold + k.tolerance
-    step, soon = math.inf, left
-    for q in range(4):  # from the face's centre, in axes that turn with it
-        rx, ry = corner_arm(q, half, c, s)
-        px, py = side * dx + rx, side * dy + ry
-        qx, qy = side * ux - spin * ry + face * py, side * uy + spin * rx - face * px
-        gap, vn = side * (nx * px + ny * py) - half, side * (nx * qx + ny * qy)
-        bend = side * (nx * (face * face * px - spin * spin * rx + 2.0 * face * qy)
-                       + ny * (face * face * py - spin * spin * ry - 2.0 * face * qx))
-        if ((gap > near or abs(vn) > slow or k.h * bend < -slow)
-                and max(gap, 0.0) + soon * (vn - 0.5 * curve * soon) <= 0.0):  # sooner, perhaps
-            ahead = safe(gap, vn, curve)
-            ahead = max(ahead, SOON * k.h) if gap < near and vn > stopped else ahead
-            step = min(step, max(ahead, again) if gap <= least else ahead)
-            soon = min(soon, step)
-    return step
-
-
-@inline
-def fast(k: Numbers, vn: float, gain: float, part: float) -> bool:
-    """Whether a point, with `part` of its gain besides, hits: bounces slower than what forces give
-    in a substep are not told from a contact."""
-    return gain == 0.0 or vn + part * gain < -max(k.threshold, abs(gain))
-
-
-@lane
-def glances(k: Numbers, dx: float, dy: float, ca: float, sa: float, cb: float, sb: float,
-            nx: float, ny: float, vn: float, vt: float, of_a: bool, slow: float) -> bool:
-    """Whether a corner that meets a face only passes it: across a face of its own square the two
-    are as good as apart, and do not come nearer there, or no faster than `slow`.
-
-    What slides with a corner over the joint of two tiles, by rounding below their faces, comes at
-    the second one's corner with the face beside.  `vn` and `vt` are velocities of b's point
-    against a's, along the normal and a quarter turn from it.
-    """
-    half, blunt = 0.5 * k.width, BLUNT * k.width
-    c, s = (cb if of_a else ca), (sb if of_a else sa)
-    side = -1.0 if of_a else 1.0  # from the corner's square to that of the face
-    reach = half * (1.0 + abs(ca * cb + sa * sb) + abs(ca * sb - sa * cb))
-    ux, uy = side * (vn * nx - vt * ny), side * (vn * ny + vt * nx)
-    away, aside = side * (c * dx + s * dy), side * (c * dy - s * dx)
-    out, off = (c * ux + s * uy), (c * uy - s * ux)
-    return bool((abs(away) - reach >= -blunt and (out if away >= 0.0 else -out) >= -slow)
-                or (abs(aside) - reach >= -blunt and (off if aside >= 0.0 else -off) >= -slow))
-
-
-@lane
-def rocks_off(r: np.ndarray, i: int, k: Numbers, turn: float, time: float) -> float:
-    """How fast a point of the row in lane i that was pressed may leave after a time (s) along its
-    arc, and be in contact: by how its bodies turn (rad/s), but no faster than what it was pressed
-    with gives (m/s)."""
-    return float(min(turn * turn * k.width * (time + 0.5 * k.h),
-                     r[i + K00] * r[i + WARM0] + r[i + K11] * r[i + WARM1]))
-
-
-@lane
-def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
-            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float,
-            begin: float) -> Any:
-    """When and where the bodies of a row that hits meet, both flying on; not before `begin` (s).
-
-    The row tells of the face that is nearest now, going on at its present rates; here the bodies
-    go along their arcs, and another face may come between.  Time goes on by as much as no corner
-    surely needs to reach the face that keeps the bodies apart (conservative advancement, of
-    second order), up to the meeting, or the end of the substep, of length `h` (s).  What is slower
-    than the gain of a substep does not hit.  Returns ``(how, (time, n_x, n_y, an, bn, at, bt,
-    of_a))``, time in s from now, and whether the face is one of a's; how: ALONE one point meets,
-    TOGETHER two, or one and another that rests there, LATER nothing in this substep, SLOW nothing
-    that the solve is not to stop.
-    """
-    r, body = rows.field, rows.body
-    i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
-    a, b = U(body[t]), U(body[t + LANES])
-    vx, vy, w, half = v.vx, v.vy, v.w, 0.5 * k.width
-    wall, code = b == U(k.n), wall_code(r, i)
-    ux, uy = vx[b] - vx[a], vy[b] - vy[a]
-    radius = math.sqrt(2.0) * half
-    fastest = math.sqrt(ux * ux + uy * uy) + radius * (abs(w[a]) + abs(w[b]))
-    near, slow = TOUCHING * k.width, k.threshold + k.tolerance
-    gx, gy, ga, gb = (z.gainx[b] - z.gainx[a], z.gainy[b] - z.gainy[a], z.gainw[a], z.gainw[b])
-    an, bn, at, bt, of_a, how = 0.0, 0.0, 0.0, 0.0, False, LATER
-    # Before its last impact a tile was elsewhere; and what that has stopped does not hit again.
-    time, surmised = max(begin, max(z.since[a], z.since[b])), r[i + HIT] < 0.0
-    stopped = -(slow + 1e-3 * fastest) if surmised else -1e-9 * fastest
-    ca, sa = c[a], s[a]
-    cb, sb = (1.0, 0.0) if wall else (c[b], s[b])
-    for _ in range(SEARCH):
-        part = time / h - 0.5
-        if time * w[a] != 0.0:
-            ca, sa = cos_sin(angle[a] + time * w[a])
-        xa, ya = x[a] + time * vx[a], y[a] + time * vy[a]
-        # As near as the places themselves are known.
-        least = max(1e-12 * k.h * fastest, ROUNDING * (abs(xa) + abs(ya) + k.width))
-        if wall and k.wall == CIRCLE:
-            rx, ry = corner_arm(code, half, ca, sa)
-            gap, nx, ny = circle_corner(xa + rx, ya + ry, k.wall_x)
-            an, bn, at, bt = rx * ny - ry * nx, 0.0, rx * nx + ry * ny, 0.0
-            vn = -nx * vx[a] - ny * vy[a] - an * w[a]
-            if gap <= least and vn < stopped:
-                if fast(k, vn, nx * gx + ny * gy - an * ga, part):
-                    return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
-                how = SLOW
-            step = safe(gap, vn, w[a] * w[a] * radius + 2.0 * fastest * fastest / k.wall_x)
-            step = min(step, 0.25 * k.wall_x / fastest)
-            time += max(step, SOON * k.h) if gap <= least else step
-            if time > k.h:
-                break
-            continue
-        if time * w[b] != 0.0:
-            cb, sb = cos_sin(angle[b] + time * w[b])
-        dx, dy = x[b] + time * vx[b] - xa, y[b] + time * vy[b] - ya
-        if wall:
-            dx, dy = wall_square(k, code, xa, ya)
-        count, nx, ny, _, gap0, an0, bn0, _, gap1, an1, bn1, at, bt, _, of_a = square_square(
-            dx, dy, ca, sa, cb, sb, k.width, k.width, wall)
-        along = nx * ux + ny * uy
-        vn0, vn1 = along + bn0 * w[b] - an0 * w[a], along + bn1 * w[b] - an1 * w[a]
-        # What is found by another formula below has other rounding.
-        first = gap0 <= 4.0 * least and vn0 < stopped
-        second = gap1 <= 4.0 * least and vn1 < stopped
-        there, gain = first or second, nx * gx + ny * gy
-        first = first and fast(k, vn0, gain + bn0 * gb - an0 * ga, part)
-        second = second and fast(k, vn1, gain + bn1 * gb - an1 * ga, part)
-        if count != 0.0 and (first or second):
-            an, bn = (an1, bn1) if second else (an0, bn0)
-            other, vn = (gap0, vn0) if second else (gap1, vn1)
-            # A corner that leaves is not in contact, though near yet and slower than a bounce; but
-            # one that was pressed leaves along its arc as nothing has pressed it on the way.
-            leaves = k.tolerance + (rocks_off(r, i, k, abs(w[a]) + abs(w[b]), time)
-                                    if z.since[a] + z.since[b] == 0.0 else 0.0)
-            if count == 2.0 and ((first and second) or abs(gap1 - gap0) < FLUSH * k.width
-                                 or (other < near and -slow <= vn <= leaves)):
-                return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
-            across = nx * uy - ny * ux + bt * w[b] - at * w[a]
-            if wall or not glances(k, dx, dy, ca, sa, cb, sb, nx, ny,
-                                   vn1 if second else vn0, across, of_a, slow):
-                return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
-            time += BLUNT * k.width / fastest
-            if time > k.h:
-                break
-            continue
-        how = SLOW if there and count != 0.0 else how
-        again = (SOON if there else SAME) * k.h
-        time += until_touch(
-            k, dx, dy, ux, uy, w[a] if of_a else w[b], w[b] if of_a else w[a],
-            cb if of_a else ca, sb if of_a else sa, nx, ny, 1.0 if of_a else -1.0, stopped,
-            k.h - time, least, again if count != 0.0 else BLUNT * k.width / fastest)
-        if time > k.h:
-            break
-    return how, (time, nx, ny, an, bn, at, bt, of_a)
-
-
-@inline
-def fly_on(r: np.ndarray, i: int, h: float) -> None:
-    """The row in lane i, that would hit if its tiles went straight, does not within h, as they
-    turn: nothing is to slow it down before it does."""
-    hit = r[i + HIT]
-    if hit == 1.0 or hit == 3.0 or hit == -2.0:
-        r[i + WANT0] = max(r[i + WANT0], -r[i + VN0])
-        r[i + BEND0] = max(r[i + BEND0], -(r[i + GAP0] / h + r[i + VN0]) / h)
-    if hit >= 2.0 or hit == -2.0:
-        r[i + WANT1] = max(r[i + WANT1], -r[i + VN1])
-        r[i + BEND1] = max(r[i + BEND1], -(r[i + GAP1] / h + r[i + VN1]) / h)
-    r[i + HIT] = 0.0
 
 
 @inline
@@ -909,21 +344,6 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
         let_go(r, row, first, second, z)
     if r[at + HIT] != 0.0:
         expect(rows, row, k, loads, v, z, x, y, angle, c, s)
-
-
-@inline
-def corner_speed(k: Numbers, v: Bodies, i: int) -> float:
-    """What no corner of a tile is faster than (m/s)."""
-    return float(math.sqrt(v.vx[i] * v.vx[i] + v.vy[i] * v.vy[i])
-                 + 0.7072 * k.width * abs(v.w[i]))
-
-
-@inline
-def pair_speed(k: Numbers, v: Bodies, a: int, b: int) -> float:
-    """What no corner of two bodies is faster than, as seen from the other one (m/s)."""
-    ux, uy = v.vx[b] - v.vx[a], v.vy[b] - v.vy[a]
-    return float(math.sqrt(ux * ux + uy * uy)
-                 + 0.7072 * k.width * (abs(v.w[a]) + abs(v.w[b])))
 
 
 @lane

@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tbsa.errors import InputError
-from tbsa.kernels.advance import MORE_ROWS, State
+from tbsa.kernels.state import MORE_ROWS, State
 from tbsa.model.layout import Layout
 from tbsa.model.scene import (
     LONGEST_RUN,

@@ -27,11 +27,24 @@ from tbsa.kernels.bodies import Numbers, empty_bodies
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.floor import COUPLED, EXACT, NONE, SEPARATE, TORQUE, FloorLaw
 from tbsa.kernels.geometry import CIRCLE, RECTANGLE
-from tbsa.kernels.impacts import NOWHERE, empty_scratch
+from tbsa.kernels.hits import NOWHERE, empty_scratch
 from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
+from tbsa.kernels.reach import TICKS
 from tbsa.kernels.rows import empty_impulses, empty_rows
+from tbsa.kernels.state import (
+    MORE_MAGNETS,
+    MORE_PAIRS,
+    MORE_ROWS,
+    OK,
+    TOO_FAST,
+    TOO_MANY,
+    State,
+    Tiles,
+    Work,
+    empty_counts,
+)
 from tbsa.model.layout import Layout, check_start, initial_layout
 from tbsa.model.scene import Scene, check_is_scene, engine_path, engine_source
 from tbsa.model.squares import depth, inside, near
@@ -143,9 +156,9 @@ class Simulation:
         Number of steps done.
     state
         Arrays of length n + 1 (the last entry is the ground), see
-        :class:`tbsa.kernels.advance.State`.
+        :class:`tbsa.kernels.state.State`.
     counts
-        What the run has done so far, see :class:`tbsa.kernels.advance.Counts`.
+        What the run has done so far, see :class:`tbsa.kernels.state.Counts`.
 
     Notes
     -----
@@ -177,8 +190,8 @@ class Simulation:
         self.steps = 0
         self.h = scene.solver.step
         ground = np.zeros(1)
-        self._capacity = {core.MORE_PAIRS: 10 * n + 128, core.MORE_ROWS: 5 * n + 128,
-                          core.MORE_MAGNETS: 30 * n + 400}
+        self._capacity = {MORE_PAIRS: 10 * n + 128, MORE_ROWS: 5 * n + 128,
+                          MORE_MAGNETS: 30 * n + 400}
         free = np.where(layout.held, 0.0, 1.0)
         x, y, angle, vx, vy, omega = (
             np.concatenate([np.asarray(values, float), ground])
@@ -186,13 +199,13 @@ class Simulation:
             for values in (layout.x, layout.y, layout.angle + 0.0, layout.vx * free,
                            layout.vy * free, layout.omega * free)
         )
-        self.state = core.State(x, y, angle, vx, vy, omega,
-                                np.array([scene.solver.passes,  # as if it had not been calm
-                                          0 if _clashes(scene, layout) else core.TICKS, 0]),
-                                np.zeros(n + 1, np.int64), np.zeros(6 * n), np.zeros(6 * n),
-                                empty_impulses(self._capacity[core.MORE_ROWS]))
+        self.state = State(x, y, angle, vx, vy, omega,
+                           np.array([scene.solver.passes,  # as if it had not been calm
+                                     0 if _clashes(scene, layout) else TICKS, 0]),
+                           np.zeros(n + 1, np.int64), np.zeros(6 * n), np.zeros(6 * n),
+                           empty_impulses(self._capacity[MORE_ROWS]))
         types = scene.types
-        self.tiles = core.Tiles(
+        self.tiles = Tiles(
             np.concatenate([free, ground]),
             np.array([types[t].glues for t in layout.type], np.int64).reshape(-1),
             np.array([types[t].family for t in layout.type], float),
@@ -240,7 +253,7 @@ class Simulation:
         # A lone tile has no pairs, and then there is no list to keep.
         reach = max(1.41422 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
         self._reach = 1.001 * reach if n > 1 else 0.0
-        self.counts = core.empty_counts()
+        self.counts = empty_counts()
         self._work = self._space()
         self._advance = core.advance if self._threads == 1 else core.advance_together
         self._ended = ""  # why it cannot go on
@@ -251,16 +264,16 @@ class Simulation:
         raise TypeError("a Simulation cannot be copied or pickled: make another of its scene, with "
                         "a layout of where its tiles are")
 
-    def _space(self) -> core.Work:
-        n, pairs = self.numbers.n, self._capacity[core.MORE_PAIRS]
+    def _space(self) -> Work:
+        n, pairs = self.numbers.n, self._capacity[MORE_PAIRS]
         scratch = columns(n + 1, [float] * 26)
-        rows = empty_rows(n, self._capacity[core.MORE_ROWS])
+        rows = empty_rows(n, self._capacity[MORE_ROWS])
         magnetic = self.magnets.cutoff > 0.0
-        return core.Work._make([
+        return Work._make([
             empty_pairs(n, pairs), rows, empty_bodies(n), empty_bodies(n),
             empty_scratch(n, rows.active.size), *scratch,
             empty_magnet_pairs(n, pairs if magnetic else 0,
-                               self._capacity[core.MORE_MAGNETS] if magnetic else 0,
+                               self._capacity[MORE_MAGNETS] if magnetic else 0,
                                self._threads),
             empty_crew(self._threads),
         ])
@@ -356,7 +369,7 @@ class Simulation:
             left -= done
             if error in self._capacity and not raised:
                 self._grow(error)
-            elif raised or error != core.OK:
+            elif raised or error != OK:
                 # Its last step is not done where it was broken off.
                 end = self.time + (self.h if done < part else 0.0)
                 self._ended = self._why(error, raised, f" between t = {begun} s and {end} s")
@@ -367,14 +380,14 @@ class Simulation:
         if raised:
             return (f"the drive raised {type(raised[0]).__name__} "
                     f"({printable(' '.join(str(raised[0]).split()))}){between}")
-        if error == core.TOO_FAST:
+        if error == TOO_FAST:
             rows, v = self._work.rows, self.state
             a, b = rows.a[: rows.size[0]], rows.b[: rows.size[0]]
             speed = float(np.hypot(v.vx[b] - v.vx[a], v.vy[b] - v.vy[a]).max())
             return (f"a tile goes at {speed:.3g} m/s past what it may touch at t = {self.time} s, "
                     f"further than its width in a substep of {self.numbers.h:.3g} s; use shorter "
                     "steps")
-        if error == core.TOO_MANY:
+        if error == TOO_MANY:
             return (f"at t = {self.time} s tiles come together so fast that pairs multiply within "
                     f"a step of {self.h:.3g} s; use shorter steps")
         drive = self.scene.drive
@@ -407,7 +420,7 @@ class Simulation:
         self._capacity[what] *= 2
         del self._work  # first, or both are there at a time
         self._work = self._space()
-        if what != core.MORE_ROWS:
+        if what != MORE_ROWS:
             return
         old, new = self.state.impulses, empty_impulses(self._capacity[what])
         used = int(old.size[0])
@@ -427,11 +440,11 @@ class Simulation:
             alone, none, angle = empty_crew(1), np.zeros(n), self.angle
             while build_pairs(self._work.pairs, n, self.x, self.y, all_free, self._reach,
                               none, alone) > self._work.pairs.other.size:
-                self._grow(core.MORE_PAIRS)
+                self._grow(MORE_PAIRS)
             while magnet_forces(self.magnets, self._work.pairs, self.tiles.glues, self.x, self.y,
                                 angle, np.cos(angle), np.sin(angle), none, self._work.magnets,
                                 fx, fy, torque, alone) > self._work.magnets.p.size:
-                self._grow(core.MORE_MAGNETS)
+                self._grow(MORE_MAGNETS)
                 build_pairs(self._work.pairs, n, self.x, self.y, all_free, self._reach, none,
                             alone)
             self._work.magnets.margin[:] = -1.0  # held tiles are among them: not for `advance`

@@ -21,7 +21,7 @@ from theory.magnets import force as magnet_force
 
 ROWS = 40  # of the table of wrong tiles; the most dangerous come first
 
-# Counters of a run, see `tbsa.kernels.advance.Counts`: what each counts, and of what it is a share
+# Counters of a run, see `tbsa.kernels.state.Counts`: what each counts, and of what it is a share
 # or by what it is divided.  The first are of work done, the others of work left out.
 DONE = {
     "steps": ("steps", ""),
