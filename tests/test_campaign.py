@@ -171,6 +171,7 @@ def test_a_group_has_several_scenes_and_its_fields_on_top_of_the_common_ones(her
     ('"drive.kind" = ["none"]', lambda scene: scene.drive is None),
     ('"free.counts.black" = [5]', lambda scene: scene.free.counts == (("black", 5),)),
     ('"tiles.type[1].family" = [1]', lambda scene: [t.family for t in scene.types] == [1, 1]),
+    ('"tiles.type[1].glues[0]" = [7]', lambda scene: scene.types[1].glues == (7, -2, -1, -2)),
     ('"tiles.set" = ["chessboard-oriented"]', lambda scene: scene.types[0].glues[0] == 2),
     ('"tiles.type" = [[{name = "grey", glues = [1, -1, 1, -1], colour = "grey"}]]',
      lambda scene: scene.types[0].name == "grey"),

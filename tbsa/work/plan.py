@@ -452,7 +452,8 @@ def _assign(tables: dict[str, Any], name: str, value: Any) -> None:
     steps, tiles = _steps(name), tables.get("tiles")
     place: Any = tables
     if name.startswith("tiles.type[") and isinstance(tiles, dict) and tiles.get("set") in SETS:
-        tiles["type"] = [asdict(kind) for kind in SETS[tiles.pop("set")]]
+        tiles["type"] = [asdict(kind) | {"glues": list(kind.glues)}  # any of which may be set
+                         for kind in SETS[tiles.pop("set")]]
     for step, following in itertools.pairwise(steps):
         if isinstance(step, str) and isinstance(following, str):
             if not isinstance(place, dict):
