@@ -409,6 +409,17 @@ def test_a_message_is_one_line_even_of_a_key_of_two(tmp_path):
     assert len(str(caught.value).splitlines()) == 1
 
 
+def test_names_of_types_that_are_allowed_are_told_in_their_own_letters():
+    text = """seed = {shape = "cells", cells = [[0, 0, "vit"]]}
+[[tiles.type]]
+name = "vît"
+glues = [1, 1, -1, -1]
+colour = "white"
+"""
+    with pytest.raises(InputError, match='must be one of "vît"; did you mean "vît"'):
+        parse(text)
+
+
 def user(folder, source=ENGINE, function="push"):
     (folder / "engine.py").write_text(source, encoding="utf-8")
     file = folder / "scene.toml"

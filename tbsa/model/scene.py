@@ -259,7 +259,7 @@ def _integer(low: int, high: int) -> Rule:
 
 
 def _one_of(*allowed: Any) -> Rule:
-    names = ", ".join(json.dumps(name) for name in allowed)
+    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in allowed)
 
     def rule(value: Any) -> str:
         # NumPy's text is Python's; of numbers, true is not 1.
