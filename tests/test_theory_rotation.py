@@ -421,6 +421,15 @@ def test_the_fit_finds_the_parameters_of_a_true_unicycle():
     assert unicycle.along(angle, *velocity.T) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("begin", [2.5, 11.0])
+def test_a_fit_to_a_record_that_begins_later_is_that_of_the_path_from_there(begin):
+    times = np.linspace(begin, begin + 20.0, 401)
+    x, y, phi = unicycle.kinematic(times, 0.8, 0.8, 2.5, 0.1).T
+    fit = unicycle.fit(times, x - x[0], y - y[0], phi - 0.5 * math.pi, 0.1)
+    assert (fit.a, fit.omega) == pytest.approx((0.8, 2.5), rel=1e-9)
+    assert (fit.path, fit.heading) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
 @pytest.mark.parametrize(("omega", "frequency"), [(50.0, 0.1), (5.0, 60.0), (1e-9, 0.1)])
 def test_a_long_record_of_a_true_unicycle_is_one(omega, frequency):
     times = np.linspace(0.0, 3600.0, 3617)

@@ -176,25 +176,29 @@ def kinematic(times: ArrayLike, a: float, b: float, omega: float, frequency: flo
     ValueError
         Times that do not increase from 0.
     """
-    swing = _swing(increasing(times), frequency)
-    half = 0.5 * omega * swing
-    chord = swing * np.sinc(half / math.pi)  # sin(half)/half, 1 at 0
-    return np.stack([a * chord * np.cos(heading + half), b * chord * np.sin(heading + half),
-                     heading + 2.0 * half], axis=1)
+    return _way(_swing(increasing(times), frequency), a, b, omega, heading)
 
 
 def fit(times: ArrayLike, x: ArrayLike, y: ArrayLike, angle: ArrayLike, frequency: float,
         forward: float = 0.5 * math.pi) -> Unicycle:
     """Least squares of the kinematic model, a = b, to a path that starts at the origin.
 
-    omega from the heading, then a from the path; both are linear.
+    omega from the heading, then a from the path; both are linear.  The path may start at any time,
+    the first of `times`.
+
+    Raises
+    ------
+    ValueError
+        Times that do not increase from 0.
     """
-    instants = np.asarray(times, dtype=np.float64)
+    instants = increasing(times)
     path = np.stack([np.asarray(q, dtype=np.float64) for q in (x, y)], axis=1)
     turned = np.asarray(angle, dtype=np.float64)
     start, turned = float(turned[0]), turned - turned[0]
-    omega, heading = _scale(_swing(instants, frequency), turned)
-    unit = kinematic(instants, 1.0, 1.0, omega, frequency, forward + start)[:, :2]
+    swing = _swing(instants, frequency)
+    swing = swing - swing[0]
+    omega, heading = _scale(swing, turned)
+    unit = _way(swing, 1.0, 1.0, omega, forward + start)[:, :2]
     a, left = _scale(unit.ravel(), path.ravel())
     return Unicycle(a, omega, left, heading)
 
@@ -214,6 +218,14 @@ def _swing(t: Reals, frequency: float) -> Reals:
     """The integral of u from 0 to `t` (s), which is 0 at frequency 0."""
     rate = 2.0 * math.pi * frequency
     return (1.0 - np.cos(rate * t)) / rate if rate else np.zeros_like(t)
+
+
+def _way(swing: Reals, a: float, b: float, omega: float, heading: float) -> Reals:
+    """x, y, phi where u has the integral `swing` (s) since the origin."""
+    half = 0.5 * omega * swing
+    chord = swing * np.sinc(half / math.pi)  # sin(half)/half, 1 at 0
+    return np.stack([a * chord * np.cos(heading + half), b * chord * np.sin(heading + half),
+                     heading + 2.0 * half], axis=1)
 
 
 def _scale(unit: Reals, found: Reals) -> tuple[float, float]:
