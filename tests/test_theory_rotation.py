@@ -180,6 +180,16 @@ def test_a_motion_that_does_not_get_on_is_an_error(monkeypatch):
         pull(0.01, FIRST, HARD)
 
 
+@pytest.mark.parametrize(("start", "twist"), [
+    ((0.045, 0.0, 0.3), (-0.3, 0.0, 0.0)),
+    ((0.033272947538383654, -0.015470519123147843, 1.0731653777729342), (0.0, 0.0, 0.0))])
+def test_a_sharp_cut_off_is_a_narrow_switch_where_a_load_jumps_past_the_floor_s_bound(start, twist):
+    met = [meet([(0, 0, 0), start], [(0, 0, 0), twist], (HARD, HARD), FIRST,
+                magnets.Law(cutoff=0.03, switch=switch)) for switch in (0.0, 1e-4)]
+    assert [found.kind for found in met] == ["contact", "contact"]
+    assert met[0].time == pytest.approx(met[1].time, rel=1e-3)
+
+
 @pytest.mark.parametrize(("x", "vx", "spin", "time"), [
     (0.036, 0, 100, 0.00643501), (0.0345, 0, 300, 0.00126915), (0.036, 0, 300, 0.00214500),
     (0.1, -20, 0, 0.0035)])

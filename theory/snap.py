@@ -39,6 +39,9 @@ LEVEL = 1e-9
 LOOK = 1e-3
 # So many pieces of the motion that together take less than this time (s) get nowhere.
 PIECES, STUCK = 30, 1e-9
+# Gone by itself (s) where an event leaves all as it was: a sharp cut-off lets a load jump past its
+# bound, and the event is found at the last instant before.
+JUMP = 1e-11
 
 
 class Body(NamedTuple):
@@ -251,6 +254,8 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
         now, z = float(found.t[-1]), found.y[:, -1].reshape(2, 2, 3).copy()
         if found.status == 1 and found.t_events[0].size:
             return _meeting("contact", now, z, width)
+        if now == starts[-1]:
+            now, z = now + JUMP, z + JUMP * part.rates(now, z.ravel()).reshape(2, 2, 3)
     return _meeting("time", now, z, width)
 
 
