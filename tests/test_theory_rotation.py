@@ -311,6 +311,20 @@ def test_tiles_that_overlap_are_refused():
         meet([(0, 0, 0), (WIDTH - 0.01, 0, 0)], np.zeros((2, 3)), (SMOOTH, SMOOTH), FIRST, LAW)
 
 
+def test_what_two_tiles_cannot_meet_with_is_refused():
+    """A held tile that had a twist stayed where it was, but hit with that speed."""
+    start, still = [(0, 0, 0), (0.033, 0, 0)], np.zeros((2, 3))
+    for body, twist in ((HELD, (0.1, 0, 0)), (HELD, (0, 0, 5.0)),
+                        (Body(math.inf, INERTIA), (0, 0, 0))):
+        with pytest.raises(ValueError, match="a tile of infinite mass is held"):
+            meet(start, [twist, (0, 0, 0)], (body, HARD), FIRST, LAW)
+    for name, value in (("alpha", math.nan), ("width", 0.0), ("beta", -0.001)):
+        with pytest.raises(ValueError, match=f"{name} must be"):
+            meet(start, still, (HELD, HARD), FIRST, LAW._replace(**{name: value}))
+    with pytest.raises(ValueError, match="tolerance must be positive and finite, not 0"):
+        meet(start, still, (HELD, HARD), FIRST, LAW, tolerance=0.0)
+
+
 def test_a_row_flies_apart_at_the_spins_of_the_paper_s_magnets():
     """23.38 and 16.53 rad/s at the default cut-off, 29.13 and 20.60 with mating magnets alone."""
     for cutoff, spins in ((0.03, (23.38, 16.53)), (0.02, (29.13, 20.60))):

@@ -203,7 +203,7 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
     poses, twists
         x, y, angle and vx, vy, omega of the two tiles at time 0 (m, rad, m/s, rad/s).
     bodies
-        The two tiles; one may be held (infinite mass and inertia).
+        The two tiles; one may be held (infinite mass and inertia, and no twist).
     glues
         Labels of the N, E, S, W edges of each.
     law
@@ -216,8 +216,9 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
     Raises
     ------
     ValueError
-        The tiles overlap at the start; a mass or inertia that is not positive, a friction, damping
-        or time below 0, or what is not finite but for mass and inertia.
+        The tiles overlap at the start; a held tile that moves or could turn; a mass, inertia, width
+        or tolerance that is not positive, a friction, damping, time or beta below 0, or what is not
+        finite but for mass, inertia and the cut-off.
     RuntimeError
         The integrator fails, or the time does not advance.
     """
@@ -225,9 +226,15 @@ def meet(poses: Sequence[Sequence[float]], twists: Sequence[Sequence[float]],
         heavy = {name: min(getattr(body, name), 1e300) for name in ("mass", "inertia")}
         demand(heavy, at_least_0={k: v for k, v in body._asdict().items() if k not in heavy},
                finite={})
-    demand({}, at_least_0={"until": until}, finite={})
+    demand({"width": law.width, "tolerance": tolerance},
+           at_least_0={"until": until, "beta": law.beta},
+           finite={"alpha": law.alpha, "inset": law.inset, "mismatch": law.mismatch})
     if not (np.isfinite(poses).all() and np.isfinite(twists).all()):
         raise ValueError("poses and twists must be finite")
+    for body, twist in zip(bodies, twists, strict=True):
+        if math.isinf(body.mass) and (not math.isinf(body.inertia) or np.any(twist)):
+            raise ValueError("a tile of infinite mass is held: its inertia must be infinite and "
+                             f"its twist 0, not {body.inertia} kg m^2 and {twist}")
     part, width = _Part(bodies, glues, law), law.width
     z = np.array([poses, twists], dtype=np.float64).reshape(2, 2, 3)
     if (gap := gap_of(z, width)) < -LEVEL * width:
