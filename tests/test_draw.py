@@ -274,6 +274,16 @@ def test_each_kind_of_mark_has_its_own_entry(picture):
     assert names == {"outside the pattern (1)", "wrongly turned (1)"}
 
 
+def test_marks_show_on_tiles_of_their_own_colour(picture):
+    """A white rim goes round them, as round the cross of an error."""
+    kind = replace(CHESS[0], glues=(1, 2, 1, 1), colour=pictures.MARKS["wrongly turned"][0])
+    seen = picture(scene_of((PlacedTile("black", (W, W), math.pi / 2),), (kind, CHESS[1])))
+    slant = math.sqrt(0.5)
+    for radius, colour in ((0.43, "white"), (0.37, kind.colour), (0.31, "white")):
+        at = (1.0 + slant * radius) * W
+        assert seen.at(at, at) == pytest.approx(to_rgb(colour), abs=0.02)
+
+
 def test_the_title_tells_the_time_and_the_axes_are_in_centimetres(picture):
     axes = picture(scene_of(), time=3600.0).axes
     assert axes.get_title().startswith("t = 3600 s\n2 tiles attached, errors 0.0 %")

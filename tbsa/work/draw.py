@@ -450,14 +450,19 @@ def _labels(
 
 def _marks(ax: Axes, scene: Scene, x: Floats, y: Floats, found: Assembly) -> dict[str, int]:
     """Mark what is wrong, told apart by shape; how many there are of each mark."""
+    rims = (0.02, "white"), (0.0, "")  # a tile may have the colour of its mark
+
+    def rings(corners: int, turned: float) -> list[tuple[Floats, float, str]]:
+        return [(_ring(corners, 0.42 + rim / np.cos(np.pi / corners), 0.1 + 2.0 * rim), turned,
+                 colour) for rim, colour in rims]
+
     shapes = {
         "error": (found.erroneous, [
             (2.0 * CORNERS * [0.42 + rim, 0.07 + rim], turned, colour)
-            for rim, colour in ((0.02, "white"), (0.0, ""))  # a wrong tile may be red itself
-            for turned in (np.pi / 4, -np.pi / 4)]),
-        "wrongly turned": (found.wrongly_turned, [(_ring(32), 0.0, "")]),
-        "off the lattice": (found.off_lattice, [(_ring(4), 0.0, "")]),
-        "outside the pattern": (found.outside, [(_ring(3), np.pi / 2, "")]),
+            for rim, colour in rims for turned in (np.pi / 4, -np.pi / 4)]),
+        "wrongly turned": (found.wrongly_turned, rings(32, 0.0)),
+        "off the lattice": (found.off_lattice, rings(4, 0.0)),
+        "outside the pattern": (found.outside, rings(3, np.pi / 2)),
     }
     count = {name: int(tiles.sum()) for name, (tiles, _) in shapes.items()} | {"hole": found.holes}
     for name, (tiles, parts) in shapes.items():
