@@ -343,6 +343,30 @@ def test_a_page_leaves_the_browser_its_own_keys():
                           check=True).stdout == "5 5 5 5 104 0"
 
 
+def test_a_page_reads_its_records_in_about_the_time_of_their_letters():
+    """A list of all letters took 25 times as long, and broke off beyond some 100 MB."""
+    page = (Path(films.__file__).parent / "viewer.html").read_text(encoding="utf-8")
+    bytes_of = re.search(r"^const bytes = .+?\n(?=const poses)", page, re.M | re.S)[0]
+    program = bytes_of + """
+        const text = Buffer.from(Uint8Array.from({length: 6e6}, (_, k) => k)).toString("base64");
+        const time = f => Math.min(...[1, 2, 3].map(() => {
+          const begun = performance.now(); f(text); return performance.now() - begun;
+        }));
+        const found = bytes(text), letters = text => {
+          let sum = 0;
+          const raw = atob(text);
+          for (let k = 0; k < raw.length; k++) sum += raw.charCodeAt(k);
+          return sum;
+        };
+        process.stdout.write([found.length, found[0], found[255], found[5999999] === 5999999 % 256,
+                              time(bytes) < 6 * time(letters)].join(" "));
+        """
+    if shutil.which("node") is None:
+        pytest.skip("needs node")
+    assert subprocess.run(["node", "-e", program], capture_output=True, text=True,
+                          check=True).stdout == "6000000 0 255 true true"
+
+
 def test_no_title_gets_out_of_its_place_in_the_page(tmp_path):
     run = records()
     title = "a </script><script>alert(1)</script> & <b> __DATA__"
