@@ -367,6 +367,38 @@ def test_a_page_reads_its_records_in_about_the_time_of_their_letters():
                           check=True).stdout == "6000000 0 255 true true"
 
 
+# A browser's objects as far as the page's script needs them; what it strokes is in `strokes`.
+BROWSER = """
+    const strokes = [], listeners = {}, nothing = () => {};
+    const pen = new Proxy({stroke: () => strokes.push([pen.strokeStyle, pen.lineWidth])},
+                          {get: (own, name) => name in own ? own[name] : nothing});
+    const canvas = {getContext: () => pen, addEventListener: nothing, width: 1, height: 1};
+    canvas.parentElement = {getBoundingClientRect: () => ({width: 800, height: 600})};
+    const elements = {data: {textContent: DATA}};
+    const document = {querySelector: () => ({}), getElementById: id => elements[id] ??= {
+      checked: true, value: "15", firstElementChild: canvas, addEventListener: nothing}};
+    const devicePixelRatio = 1, addEventListener = nothing, requestAnimationFrame = f => f();
+"""
+
+
+def test_a_page_marks_tiles_so_that_they_show_on_tiles_of_their_colour(tmp_path):
+    run = records(count=1)
+    run.x[0, -1], run.y[0, -1], run.angle[0, -1] = 2.0 * W, 0.0, 0.0  # outside the pattern
+    view(run, tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text(encoding="utf-8")
+    (data,) = re.findall(r'id="data">(.*?)</script>', page, re.S)
+    (script,) = re.findall(r"<script>(.*?)</script>", page, re.S)
+    if shutil.which("node") is None:
+        pytest.skip("needs node")
+    program = (BROWSER.replace("DATA", json.dumps(data)) + script
+               + "process.stdout.write(JSON.stringify(strokes));")
+    strokes = json.loads(subprocess.run(["node", "-"], input=program, capture_output=True,
+                                        text=True, check=True).stdout)
+    at = [look for look, _ in strokes].index(drawing.MARKS["outside the pattern"][0])
+    assert strokes[at - 1][0] == "#fff"
+    assert strokes[at - 1][1] > strokes[at][1]
+
+
 def test_no_title_gets_out_of_its_place_in_the_page(tmp_path):
     run = records()
     title = "a </script><script>alert(1)</script> & <b> __DATA__"
