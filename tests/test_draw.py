@@ -1,5 +1,6 @@
 """What a picture shows, and that it is written whole or not at all."""
 
+import itertools
 import math
 import subprocess
 import sys
@@ -162,6 +163,22 @@ def test_a_legend_is_no_wider_than_the_picture_if_it_can_be(every_mark):
         columns.append(legend._ncols)
         assert legend.get_window_extent().width <= figure.bbox.width or wide == 1.0
     assert columns == [5, 5, 3, 1, 1]
+
+
+@pytest.mark.parametrize("layout", [None, "constrained"])
+@pytest.mark.parametrize("columns", [2, 3, 4])
+def test_titles_and_legends_of_neighbours_in_a_figure_stay_apart(every_mark, columns, layout):
+    figure = Figure(figsize=(3.2 * columns, 4.4), layout=layout)
+    for ax in figure.subplots(1, columns):
+        draw(*record(scene_of()), ax=ax, time=10.0)
+    for _ in range(2):
+        figure.draw_without_rendering()
+    for words in ([ax.title for ax in figure.axes], [ax.get_legend() for ax in figure.axes]):
+        boxes = [each.get_window_extent() for each in words]
+        assert all(a.x1 <= b.x0 for a, b in itertools.pairwise(boxes))
+    wide = figure.bbox.width / columns
+    assert all(ax.get_window_extent().width > 0.5 * wide for ax in figure.axes)
+    assert all(ax.title.get_fontsize() > 6.0 for ax in figure.axes)
 
 
 @pytest.mark.parametrize("reactor", [Reactor("rectangle", width=0.3, height=0.2), CIRCLE, None])

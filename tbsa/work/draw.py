@@ -72,6 +72,8 @@ BELOW: dict[str, Any] = {
     "columnspacing": 0.9, "handlelength": 1.0, "handletextpad": 0.4, "fontsize": "small",
     "frameon": False}
 LEGEND_ROW = 0.2  # in, of `OUTSIDE`
+ROOM = 1.15  # width of title and legend, in given axes' own: beside them may be others, 0.2 further
+SMALLEST = 6.0  # pt, of such a title
 
 
 class Snapshot(NamedTuple):
@@ -142,7 +144,12 @@ def draw(
         own.set_figheight(tall + LEGEND_ROW * max(rows - 1, 0))
         _settle(own)
     else:
-        _legend(panel, figure, count, True, BELOW)
+        slot = panel.get_position(original=True).transformed(panel.figure.transSubfigure)
+        room, wide = ROOM * slot.width, panel.title.get_window_extent().width
+        if wide > room:
+            size = float(panel.title.get_fontsize()) * room / wide
+            panel.title.set_fontsize(max(SMALLEST, size))
+        _legend(panel, figure, count, True, BELOW, room)
     if file is not None:
         _save(figure, file)
     return figure
@@ -480,14 +487,16 @@ def _marks(ax: Axes, scene: Scene, x: Floats, y: Floats, found: Assembly) -> dic
 
 def _legend(
     owner: Axes | Figure | SubFigure, figure: Figure, count: dict[str, int], numbers: bool,
-    place: Mapping[str, Any],
+    place: Mapping[str, Any], room: float = np.inf,
 ) -> int:
-    """Name the marks that occur, in as few rows as fit into the figure; how many rows."""
+    """Name the marks that occur, in as few rows as fit into the figure and the room (pixels); how
+    many rows."""
     handles, wide = _handles(count, numbers), figure.bbox.width
     for rows in range(1, len(handles) + 1):
         legend = owner.legend(handles=handles, ncols=-(-len(handles) // rows), **place)
         box = legend.get_window_extent()
-        if rows == len(handles) or 0.01 * wide <= box.x0 <= box.x1 <= 0.99 * wide:
+        fits = 0.01 * wide <= box.x0 <= box.x1 <= 0.99 * wide and box.width <= room
+        if rows == len(handles) or fits:
             return rows
         legend.remove()
     return 0
