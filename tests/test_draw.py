@@ -308,6 +308,12 @@ def test_the_title_tells_the_time_and_the_axes_are_in_centimetres(picture):
     assert axes.get_xlim() == pytest.approx((-15.3, 15.3))
 
 
+@pytest.mark.parametrize(("time", "shown"), [(12345.678, "12345.678"), (1e6, "1000000"),
+                                             (0.1 + 0.2, "0.3"), (1000.0 + 1 / 480, "1000.002083")])
+def test_records_that_follow_each_other_have_times_of_their_own(time, shown):
+    assert draw(*record(scene_of()), time=time).axes[0].get_title().startswith(f"t = {shown} s")
+
+
 def test_a_single_tile_is_one_tile_attached(picture):
     seen = picture(scene_of(ATTACHED[:1]))
     assert seen.axes.get_title().startswith("1 tile attached, errors")

@@ -586,7 +586,7 @@ def _title(scene: Scene, found: Assembly, time: float | None, metrics: bool) -> 
         if found.size:
             parts.append(f"errors {found.percent(found.errors):.1f} %")
             parts.append(f"holes {found.percent(found.holes):.1f} %")
-    clock = [] if time is None else [f"t = {time:g} s"]
+    clock = [] if time is None else [f"t = {time:.10g} s"]
     return "\n".join([*clock, ", ".join(parts)] if parts else clock)
 
 
