@@ -704,6 +704,18 @@ def with_own_drive():
     return source
 
 
+def test_the_drive_of_a_scene_that_is_a_link_is_beside_the_link(here):
+    """As for `tbsa run`: one scene may be shared by studies with a drive each."""
+    with_own_drive()
+    Path("shared").mkdir()
+    Path("own.toml").rename("shared/own.toml")
+    Path("own.toml").symlink_to("shared/own.toml")
+    assert done("campaign.toml", "out").done == 3
+    Path("shared/burst.py").write_text(BURST)  # of another study
+    assert done("campaign.toml", "again").done == 3
+    assert tables("again") == tables("out")
+
+
 def test_a_drive_that_is_edited_while_a_campaign_goes_on_ends_what_is_not_begun(here, monkeypatch):
     """Runs of what was not planned would be in folders of what was."""
     source, once = with_own_drive(), module.run

@@ -605,8 +605,9 @@ def _do(left: list[Planned], out: Path, session: Path, executor: Executor | None
         tables: Callable[[], object]) -> None:
     """Have the runs done; `ended` is told how those ended that did."""
     home = out.resolve()
+    # The scene's file by its own name, be it a link: the module of its drive is beside that.
     todo = {each.name: Job(
-        replace(each.scene, file=str(Path(each.scene.file).resolve())), each.mark,
+        replace(each.scene, file=str(Path(each.scene.file).absolute())), each.mark,
         _folder(home, each),
         home / LOCKS / each.name.replace("/", "."), session.resolve()) for each in left}
     lives = LIVES
