@@ -1072,7 +1072,7 @@ def test_a_folder_in_the_place_of_a_table_is_told_of_first(here, whole, capsys, 
     assert f"out/{name}: must be a file, and is a folder" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("duration", ["nan", "inf", "1e400", "-5", "long", ""])
+@pytest.mark.parametrize("duration", ["nan", "inf", "1e400", "1e308", "-5", "long", ""])
 def test_a_table_whose_durations_are_none_is_refused(here, whole, capsys, duration):
     rows = (whole / "table.csv").read_text().splitlines()
     at = rows[0].split(",").index("duration")

@@ -65,7 +65,7 @@ from tbsa.model.records import (
     run,
     write_atomically,
 )
-from tbsa.model.scene import Run, Scene, fingerprint
+from tbsa.model.scene import LONGEST_RUN, Run, Scene, fingerprint
 from tbsa.model.simulation import Simulation, SimulationError, cores
 from tbsa.work.plan import Planned, read_plan
 
@@ -206,7 +206,7 @@ def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
 
 
 def _seconds(text: str) -> float:
-    if not 0.0 <= float(text) < math.inf:
+    if not 0.0 <= float(text) <= LONGEST_RUN:
         raise ValueError(f"duration {text} is no number of seconds")
     return float(text)
 
