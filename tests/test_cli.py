@@ -251,6 +251,17 @@ def test_ctrl_c_while_the_words_are_read_ends_without_a_word(capsys, monkeypatch
     assert capsys.readouterr().err == ""
 
 
+def test_ctrl_c_while_a_class_is_made_is_no_failed_run(capsys, monkeypatch):
+    """As in the imports of a command; Python 3.11 makes a RuntimeError of it."""
+    class Named:
+        def __set_name__(self, *_):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli, "_check", lambda _: type("Owner", (), {"name": Named()}))
+    assert main(["check", "scene.toml"]) == 130
+    assert capsys.readouterr().err == ""
+
+
 def test_ctrl_c_ends_other_commands_without_a_word(capsys):
     assert code_of(lambda: signal.raise_signal(signal.SIGINT)) == 130
     assert capsys.readouterr() == ("", "")

@@ -55,6 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BrokenPipeError:
             return 1
         except (OSError, RuntimeError) as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):  # in an import, up to Python 3.11
+                return 130
             _say(f"tbsa: {error}")
             return 1
         except ImportError:  # NumPy makes one of a Ctrl-C in its own imports
