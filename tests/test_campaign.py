@@ -679,6 +679,20 @@ def test_what_an_executor_raises_is_a_failed_run(here):
     assert result.table["message"].iloc[-1] == "RuntimeError: worker died 3 times"
 
 
+def test_a_run_whose_worker_was_lost_after_it_was_done_is_no_failed_one(here, whole):
+    """A cluster may lose sight of a worker that goes on with its run to the end."""
+    class Losing(Executor):
+        def submit(self, function, /, *arguments):
+            function(*arguments)
+            future = Future()
+            future.set_exception(RuntimeError("lost"))
+            return future
+
+    result = campaign("campaign.toml", "out", executor=Losing())
+    assert (result.done, result.failed, result.left) == (5, 0, 0)
+    assert tables("out") == tables(whole)
+
+
 def test_a_client_of_dask_is_told_what_of_it_is_an_executor(here):
     class Client:
         def submit(self, *_):

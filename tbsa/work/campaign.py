@@ -174,9 +174,9 @@ def campaign(path: str | Path, out: str | Path, *, executor: Executor | None = N
                     outcomes, tables)
             finally:
                 table = tables()
-    failed = sum(status == FAILED for status, _ in outcomes.values())
-    undone = sum(not _is_done(out, each) for each in mine)
-    return Result(table, len(mine) - undone, failed, undone - failed)
+    undone = [each.name for each in mine if not _is_done(out, each)]
+    failed = sum(outcomes.get(name, (WAITING, ""))[0] == FAILED for name in undone)
+    return Result(table, len(mine) - len(undone), failed, len(undone) - failed)
 
 
 def share(plan: Sequence[Planned], part: tuple[int, int]) -> list[Planned]:
