@@ -44,6 +44,7 @@ from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
     AN0,
     AN1,
+    AT,
     BASE,
     BEND0,
     BEND1,
@@ -51,6 +52,7 @@ from tbsa.kernels.rows import (
     BN0,
     BN1,
     BODIES,
+    BT,
     COLOURS,
     COUNT,
     GAP0,
@@ -377,6 +379,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     z.size[0] += 1
     moved, flies = False, time * max(corner_speed(k, v, body[t]), corner_speed(
         k, v, body[t + LANES])) > NOWHERE * k.width
+    open0, open1 = opened(rows, q, k, loads, v, z, time)
     for i in (body[t], body[t + LANES]):
         if mobile[i] == 0.0:
             continue
@@ -403,6 +406,8 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         place_again(rows, q, k, k.threshold, 0.0, v, x, y, c, s)
     if r[at + COUNT] != 0.0:
         gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
+        if moved:
+            gap0, gap1 = gap0 - open0, gap1 - open1
         left = max(k.h - time, SAME * k.h) if moved else k.h
         nearest = max(min(gap0, gap1), 0.0) if hit > 0.0 else 0.0
         touch = touching(r, at, k)
@@ -413,30 +418,75 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
 
+@lane
+def pushed(rows: Rows, q: int, i: int, k: Numbers, loads: Loads, v: Bodies) -> Any:
+    """How forces, and all its contacts but row q as in the last substep, speed body i up (m/s^2,
+    rad/s^2)."""
+    r, body, mobile = rows.field, rows.body, v.mobile[i]
+    if mobile == 0.0:
+        return 0.0, 0.0, 0.0
+    px, py, pw = 0.0, 0.0, 0.0  # N s, N m s
+    for p in range(rows.start[i], rows.start[i + 1]):
+        other = rows.of[p]
+        at, t = lane_of(other), U(other // WIDE) * BODIES + U(other % WIDE)
+        p0, p1, pt = r[at + WARM0], r[at + WARM1], r[at + WARMT]
+        if other == q or p0 + p1 == 0.0:
+            continue
+        of_a, pn = body[t] == i, p0 + p1
+        side = -1.0 if of_a else 1.0
+        px += side * (r[at + NX] * pn - r[at + NY] * pt)
+        py += side * (r[at + NY] * pn + r[at + NX] * pt)
+        pw += side * ((r[at + AN0] if of_a else r[at + BN0]) * p0
+                      + (r[at + AN1] if of_a else r[at + BN1]) * p1
+                      + (r[at + AT] if of_a else r[at + BT]) * pt)
+    h = loads.h
+    return (k.im * (loads.fx[i] + px / h), k.im * (loads.fy[i] + py / h),
+            k.ii * (loads.torque[i] + pw / h))
+
+
 @inline
-def nearest_in(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, time: float) -> float:
-    """The gap (m) of the nearer point of row q at the time of an impact (s): as its tiles go; or as
-    it is, of one that was pressed, and leaves no faster than its arc takes it off, if nothing has
-    hit its tiles in this substep, and they do not turn fast: what presses it goes on."""
+def opened(rows: Rows, q: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, time: float) -> Any:
+    """By how much (m) the points of row q are further apart at the time of an impact (s), as its
+    tiles go, than they then are: those that were pressed, and leave no faster than their arc takes
+    them off, are as the last solve has left them, where what presses them on is more than that.
+
+    If nothing has hit their tiles in this substep, and these do not turn fast.
+    """
     r, body, t = rows.field, rows.body, U(q // WIDE) * BODIES + U(q % WIDE)
-    at, turn, hit = lane_of(q), 0.0, False
-    gap: float = gap_in(r, at + GAP0, time)
-    if r[at + COUNT] == 2.0:
-        gap = min(gap, gap_in(r, at + GAP1, time))
-    if gap <= NOWHERE * k.width or gap > BARELY * k.width:
-        return gap
-    for i in (body[t], body[t + LANES]):
+    at, turn, hit, most = lane_of(q), 0.0, False, BARELY * k.width
+    if r[at + WARM0] + r[at + WARM1] == 0.0:
+        return 0.0, 0.0
+    a, b = body[t], body[t + LANES]
+    for i in (a, b):
         if v.mobile[i] != 0.0:
             turn += abs(z.uw[i] if z.in_it[i] != 0 else v.w[i])  # without the impact
             hit |= z.since[i] != 0.0
     if hit or k.h * turn > SWEPT:
-        return gap
-    leaves = k.tolerance + rocks_off(r, at, k, turn, time)
-    if r[at + WARM0] > 0.0 and r[at + VN0] <= leaves:
-        gap = min(gap, r[at + GAP0])
-    if r[at + WARM1] > 0.0 and r[at + VN1] <= leaves:
-        gap = min(gap, r[at + GAP1])
-    return gap
+        return 0.0, 0.0
+    leaves, begun = k.tolerance + rocks_off(r, at, k, turn, time), 0.5 * k.h
+    gap0, gap1 = gap_in(r, at + GAP0, time), gap_in(r, at + GAP1, time)
+    first = r[at + WARM0] > 0.0 and r[at + VN0] <= leaves and gap0 <= most
+    second = r[at + WARM1] > 0.0 and r[at + VN1] <= leaves and gap1 <= most
+    if not (first or second):
+        return 0.0, 0.0
+    ax, ay, aw = pushed(rows, q, a, k, loads, v)
+    bx, by, bw = pushed(rows, q, b, k, loads, v)
+    press = r[at + NX] * (ax - bx) + r[at + NY] * (ay - by)
+    first = first and press + r[at + AN0] * aw - r[at + BN0] * bw > 2.0 * r[at + BEND0]
+    second = second and press + r[at + AN1] * aw - r[at + BN1] * bw > 2.0 * r[at + BEND1]
+    was0 = r[at + GAP0] - begun * max(r[at + VN0], 0.0)
+    was1 = r[at + GAP1] - begun * max(r[at + VN1], 0.0)
+    return max(gap0 - was0, 0.0) if first else 0.0, max(gap1 - was1, 0.0) if second else 0.0
+
+
+@inline
+def nearest_in(rows: Rows, q: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch,
+               time: float) -> float:
+    """The gap (m) of the nearer point of row q at the time of an impact (s)."""
+    r, at = rows.field, lane_of(q)
+    open0, open1 = opened(rows, q, k, loads, v, z, time)
+    gap: float = gap_in(r, at + GAP0, time) - open0
+    return min(gap, gap_in(r, at + GAP1, time) - open1) if r[at + COUNT] == 2.0 else gap
 
 
 @lane
@@ -487,7 +537,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
                     if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
                         continue
                     if known[other] == 0:
-                        gap = nearest_in(rows, other, k, v, z, z.time[q])
+                        gap = nearest_in(rows, other, k, loads, v, z, z.time[q])
                         if gap > touching(r, i, k) and z.points[other] & 3 == 0:
                             continue  # what is thrown at it hits it in the next round
                         z.time[other] = z.time[q]
@@ -569,7 +619,8 @@ def touching(r: np.ndarray, i: int, k: Numbers) -> float:
 
 
 @inline
-def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
+def company(rows: Rows, tile: int, row: int, k: Numbers, loads: Loads, v: Bodies,
+            z: Scratch) -> int:
     """What else a tile meets whose `row` hits next: ALONE nothing; TOGETHER what it touches and
     does not leave, faster than a solve lets it, or hits at the same time."""
     r, time, slow = rows.field, z.queue.time, min(k.threshold, k.tolerance)
@@ -587,8 +638,9 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, z: Scratch) -> int:
         # What an impact has thrown stands where it comes from: there a point that leaves may be in
         # the other body.
         pressed = r[i + WARM0] + r[i + WARM1] > 0.0
-        gap = min(r[i + GAP0] if first and (pressed or r[i + VN0] <= slow) else math.inf,
-                  r[i + GAP1] if second and (pressed or r[i + VN1] <= slow) else math.inf)
+        open0, open1 = opened(rows, other, k, loads, v, z, 0.0)
+        gap = min(r[i + GAP0] - open0 if first and (pressed or r[i + VN0] <= slow) else math.inf,
+                  r[i + GAP1] - open1 if second and (pressed or r[i + VN1] <= slow) else math.inf)
         if left != 0 or gap < touching(r, i, k):
             return TOGETHER
     return ALONE
@@ -689,7 +741,8 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
         z.struck[a] += 1
         z.struck[b] += 1
         for tile in (a, b):
-            how = max(how, company(rows, tile, row, k, z) if mobile[tile] != 0.0 else ALONE)
+            how = max(how, company(rows, tile, row, k, loads, v, z) if mobile[tile] != 0.0
+                      else ALONE)
         if how == ALONE or hit < 0.0:
             lone_impact(rows, row, k, v, z, x, y, angle, c, s, loads, meet)
             points += 1

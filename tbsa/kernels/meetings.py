@@ -220,9 +220,13 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
             if count == 2.0 and ((first and second) or abs(gap1 - gap0) < FLUSH * k.width
                                  or (other < near and -slow <= vn <= leaves)):
                 return TOGETHER, (time, nx, ny, an, bn, at, bt, of_a)
-            across = nx * uy - ny * ux + bt * w[b] - at * w[a]
-            if wall or not glances(k, dx, dy, ca, sa, cb, sb, nx, ny,
-                                   vn1 if second else vn0, across, of_a, slow):
+            # What slides over a joint is borne up to there; while it passes by both corners, and
+            # is blunt to them, forces bring it nearer, which is no approach.
+            falls = 1.0 + BLUNT * k.width / (k.h * fastest)
+            closing = (vn1 if second else vn0) - falls * (gain + bn * gb - an * ga)
+            across = (nx * (uy - falls * gy) - ny * (ux - falls * gx)
+                      + bt * (w[b] - falls * gb) - at * (w[a] - falls * ga))
+            if wall or not glances(k, dx, dy, ca, sa, cb, sb, nx, ny, closing, across, of_a, slow):
                 return ALONE, (time, nx, ny, an, bn, at, bt, of_a)
             time += BLUNT * k.width / fastest
             if time > k.h:

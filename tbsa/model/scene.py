@@ -597,9 +597,9 @@ def _check_magnet_and_tile(scene: Scene) -> None:
 # most.  Leapfrog is unstable above 4.  Pairs and blocks with friction 0.05 and 0.25, knocked at
 # 0.05 to 0.4 m/s, held at 4 where they do at a 32nd of the step, and most were torn at 6 and above.
 # A smooth block's fastest vibration has twice the square of a pair's: some flew apart at rest at
-# 3.9.  Friction takes what the forces give, up to ROUGH: of 30 crowds of eight that snap together
-# none then gains more than 0.3 of the energy of a bond, with friction 0 to 0.25; with 0.05 and
-# 3.9, 13 of 30 do.
+# 3.9.  Friction takes what the forces give, up to ROUGH: of crowds of eight that snap together 9 of
+# 588 then gain more than 0.3 of the energy of a bond with a friction of 0 to 0.1, and 16 of 196
+# with 0.25; with 0.05 and 3.9, 13 of 30 do.
 SMOOTH, STIFF, ROUGH = 2.0, 4.0, 0.2
 # Below this share of the width it is the inset that is too small: magnets that are all but in one
 # place pull in a direction made of the solver's overlap.

@@ -71,15 +71,16 @@ ABSENT = {"magnets": "magnet", "wall": "reactor", "floor": "floor", "drive": "dr
 # What has to be written otherwise in the kernels so that a part of a scene is gone from them: the
 # compiler then leaves out all that comes after.
 DELETED = {
-    "magnets": {"advance.py": [(r"magnets\.cutoff > 0\.0 and reach > 0\.0", "False"),
-                               (r"law\.cutoff > 0\.0", "False")]},
-    "wall": {"advance.py": [(r"k\.wall == CIRCLE", "False"), (r"k\.wall != 0", "False")],
+    "magnets": {"advance.py": [(r"magnets\.cutoff > 0\.0 and reach > 0\.0", "False")],
+                "forces.py": [(r"law\.cutoff > 0\.0", "False")]},
+    "wall": {"advance.py": [(r"k\.wall != 0", "False")],
+             "reach.py": [(r"k\.wall == CIRCLE", "False")],
              "rows.py": [(r"if k\.wall == 0 or", "if True or")],
              "contacts.py": [(r"if end <= pairs:", "if True:"),
                              (r"body\[t \+ LANES\] == k\.n", "False")]},
     "floor": {f"{name}.py": [(r"floor\.law", "0")]
-              for name in ("advance", "impacts", "solver", "sweeps")},
-    "drive": {"advance.py": [(r"k\.driven != 0", "False")]},
+              for name in ("advance", "gains", "solver", "sweeps")},
+    "drive": {"forces.py": [(r"k\.driven != 0", "False")]},
 }
 Row = dict[str, Any]
 
