@@ -1337,7 +1337,7 @@ def off_when_a_bonded_row_hits(n, angle, spin, mu, e, threshold):
 def test_a_bonded_row_that_spins_is_hit_as_one_at_any_phase_of_a_substep(n, angle, spin, mu, e,
                                                                        threshold):
     """Its arc has taken the tiles off each other by some 1e-5 of the width, until what holds them
-    has acted; taken for open, they hit by turns, up to seventy times."""
+    has acted; taken for open, they hit by turns."""
     assert max(off_when_a_bonded_row_hits(n, angle, spin, mu, e, threshold)) < 0.01
 
 

@@ -955,7 +955,8 @@ def test_what_snaps_together_at_the_longest_step_seldom_gains_energy(friction):
     """Eight loose tiles in a round wall, without a floor, a drive or damping: friction and impacts
     take energy, and what leapfrog gives at times is mostly less than 0.3 of that of a bond. A
     friction of 0.05 damps too little for the step that one of 0.25 allows: it was above 0.3 in 13
-    of 30 such crowds; at the longest one now in 16 of 196 with 0.25, and in 9 of 588 with less."""
+    of 30 such crowds; at the longest one in 1 of these 120 (of more, in 16 of 196 with 0.25 and in
+    9 of 588 with less)."""
     step = 0.0288 * math.sqrt(min(0.5 + 2.5 * friction, 1.0))
     bond = -magnets.pair_energy((0.0, 0.0, 0.0), CHESSBOARD[0].glues, (WIDTH, 0.0, 0.0),
                                 CHESSBOARD[1].glues, magnets.Law(cutoff=0.03, switch=0.1))
@@ -975,8 +976,8 @@ def test_what_snaps_together_at_the_longest_step_seldom_gains_energy(friction):
             s.advance(1)
             energy.append(s.kinetic_energy() + magnetic(s.x, s.y, s.angle))
         gains.append((energy - np.minimum.accumulate(energy)).max() / bond)
-    assert np.median(gains) < 0.15
-    assert np.sum(np.array(gains) > 0.3) <= (5 if friction > 0.1 else 2)
+    assert sorted(gains)[-2] < 0.3
+    assert max(gains) < 0.5
 
 
 def leaning(phi, spin, load, friction):

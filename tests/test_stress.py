@@ -93,12 +93,12 @@ def smooth():
     for seed in (*range(9211, 9219), 9235, 9251, 9274):
         s = Simulation(replace(scene, solver=Solver(1 / 120, 12, 2e-2), run=Run(10.0, seed),
                                record=Record(1.0, 1.0)))
-        spins = []
+        fastest = 0.0
         for _ in range(30):
             s.advance(round(1.0 / s.h))
-            spins.append(np.abs(s.omega).max())
-        assert max(spins) > 200
-        assert max(spins[-5:]) > 100
+            fastest = max(fastest, np.abs(s.omega).max())
+        assert fastest > 200
+        assert np.abs(s.omega).max() > 100
         deepest.append(s.counts.deepest[0] / s.scene.material.width)
     return deepest
 
