@@ -406,9 +406,9 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         place_again(rows, q, k, k.threshold, 0.0, v, x, y, c, s)
     if r[at + COUNT] != 0.0:
         gap0, gap1 = r[at + GAP0], r[at + GAP1] if r[at + COUNT] == 2.0 else math.inf
+        left: float = k.h
         if moved:
-            gap0, gap1 = gap0 - open0, gap1 - open1
-        left = max(k.h - time, SAME * k.h) if moved else k.h
+            gap0, gap1, left = gap0 - open0, gap1 - open1, max(k.h - time, SAME * k.h)
         nearest = max(min(gap0, gap1), 0.0) if hit > 0.0 else 0.0
         touch = touching(r, at, k)
         r[at + WANT0] = may_close(gap0, nearest, touch, left, k.width)
