@@ -87,7 +87,8 @@ from tbsa.kernels.rows import (
 # and this fraction of the width, or as far as forces may bring it: they and impacts speed it up.
 SPARE = 0.02
 # Tiles that turn further than this in a substep together (rad) may meet with other corners than
-# the nearest now: that is asked for (`meeting` in impacts.py), as for corners that pass each other.
+# the nearest now: that is asked for (`meeting` in meetings.py), as for corners that pass each
+# other.
 SWEPT = 0.1
 # So is what comes nearer by more than this (widths) as it goes along a sloping edge.
 SLOPING = 1e-3

@@ -33,7 +33,7 @@ from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, rolled
 from tbsa.kernels.neighbours import Pairs, first_of
 
 CHUNK = 512  # pairs that are worked on together, in the first-level cache
-PORTION = 64 * CHUNK  # pairs that threads share, for as long as a few microseconds each
+PORTION = 64 * CHUNK  # pairs that threads share, for some tens of microseconds each
 FEW, WAY = 64, 18 * 64  # pairs that are where tiles turn far, and numbers of these
 # Lists reach further by this (fraction), as they are made in single precision, which is enough and
 # twice as fast, and as magnets of a block may be as far apart as the cut-off, by default a tile's

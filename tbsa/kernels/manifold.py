@@ -4,8 +4,8 @@ For every contact point, with ``vn`` the relative normal velocity at the end of 
 
     vn + want >= 0,   pn >= 0,   pn (vn + want) = 0      (no penetration; want = gap / h,
                                                         and what it gains along an arc)
-    |pt| <= mu pn,    pt against the relative tangential velocity   (Coulomb; where one point
-                                                        bears, and what it slides on its arc)
+    |pt| <= mu pn,    pt against the relative tangential velocity   (Coulomb; and what it slides
+                                                        along an arc)
 
 A manifold of one point is solved exactly for both impulses; one of two points exactly for both
 normal impulses, in turn with its one friction impulse.

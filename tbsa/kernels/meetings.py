@@ -51,7 +51,7 @@ FLUSH = 1e-6
 ROUNDING = 2e-15
 # How a point that is about to hit meets the other body: what is more, holds.
 ALONE, TOGETHER, LATER, SLOW = 0, 1, 2, 3
-# Steps of the search for a meeting; the last few of them are Newton's.
+# Steps of the search for a meeting; the last few of them are as good as Newton's.
 SEARCH = 60
 # Where its steps would get ever shorter, they are no shorter than this part of the substep.
 SOON = 2.0 / SEARCH

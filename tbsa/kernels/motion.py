@@ -176,7 +176,7 @@ def drift(begin: int, end: int, h: float, v: Bodies, x: np.ndarray, y: np.ndarra
 @lane
 def at_all(number: float) -> float:
     """A velocity, or 0 for what damping has left of one so small that it is next to no number:
-    processors take ten times as long for those."""
+    processors take several times as long for those."""
     return 0.0 if abs(number) <= 1e-150 else number  # what is no number stays
 
 

@@ -68,8 +68,7 @@ from tbsa.kernels.rows import (
 )
 from tbsa.kernels.sweeps import queue
 
-# Overlap that is left alone (fraction of the width).  The velocity solve does not press points
-# together, so overlap comes from the curvature of fast rotations and from unconverged passes.
+# Overlap that is left alone (fraction of the width).
 SLOP = 1e-3
 # Tolerances beyond the threshold of restitution at which a pressed point still is on its way.
 FLYING = 2.0

@@ -65,7 +65,7 @@ FIELDS = (
     "warm0", "warm1", "warmt",     # N s, the impulses at the end of the last substep
     "bend0", "bend1",              # m/s^2, what the gap gains along the arc, over h^2; see `bends`
     "want0", "want1",              # m/s, the solve makes vn >= -want
-    "wantt",                       # m/s, ... and friction stops vt at -want; 0 where two bear
+    "wantt",                       # m/s, ... and friction stops vt at -want; see `weigh`
     "k00", "k01", "k11", "ktt",    # 1/kg, see `weigh`
     "i00", "i11", "itt", "idet",   # kg, kg^2
     "vn0", "vn1",                  # m/s, normal velocities, < 0 approaching

@@ -89,7 +89,7 @@ def speed_of(vx: float, vy: float, w: float, width: float) -> float:
 
 @lane
 def row_change(r: np.ndarray, i: int, k: Numbers, change: float) -> float:
-    """The same for a change of the row of lane i, after the faster one of its tiles."""
+    """`as_fast` for a change of the row of lane i, after the faster one of its tiles."""
     if k.at_rest >= 1.0:  # all tiles are the same: a quarter of the time of a pass
         return change
     return float(as_fast(k, change, max(speed_of(r[i + AX], r[i + AY], r[i + AW], k.width),
