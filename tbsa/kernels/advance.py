@@ -455,7 +455,8 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
 def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: FloorLaw,
           drive: Any, drive_parameters: np.ndarray, work: Work, counts: Counts,
           begun: int, steps: int, reach: float) -> tuple[int, int]:
-    """Advance by `steps` steps; the run has `begun` with so many.
+    """Advance by `steps` steps; the run has `begun` with so many.  Nearer than `reach` (m) from
+    centre to centre two tiles may act on each other; 0 where there are no two.
 
     Returns the error word and the steps done; on MORE_PAIRS, MORE_ROWS and MORE_MAGNETS the state
     is that before the step that failed, and the caller goes on with more space.  TOO_MANY: pairs
