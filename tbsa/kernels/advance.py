@@ -627,7 +627,7 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         first, last = share(crew, me, crew.what[1], crew.what[2])
         if what == PAIRS:
             crew.found[me * LINE] = pairs_from(
-                work.pairs, k.n, x, y, tiles.mobile, crew.numbers[0], work.margin,
+                work.pairs, x, y, tiles.mobile, crew.numbers[0], work.margin,
                 crew.numbers[1], first, last, place_of(work.pairs.room, first, k.n),
                 place_of(work.pairs.room, last, k.n))
         elif what == BEGIN:

@@ -145,7 +145,7 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
     crew.numbers[0], crew.numbers[1] = reach, widest
     _, end = give(crew, PAIRS, ZERO, n, LEAST_TILES)
     threads = crew.size if end < n else 1
-    found: Any = pairs_from(pairs, n, x, y, mobile, reach, margin, widest, ZERO, end, ZERO,
+    found: Any = pairs_from(pairs, x, y, mobile, reach, margin, widest, ZERO, end, ZERO,
                             place_of(room, end, n))
     collect(crew)
     # Of a list that is full the last one may have been written over by one that is not kept.
@@ -192,8 +192,8 @@ def place_of(room: int, tile: int, n: int) -> int:
 
 
 @lane
-def pairs_from(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
-               reach: float, margin: np.ndarray, widest: float, begin: int, last: int, at: int,
+def pairs_from(pairs: Pairs, x: np.ndarray, y: np.ndarray, mobile: np.ndarray, reach: float,
+               margin: np.ndarray, widest: float, begin: int, last: int, at: int,
                room: int) -> int:
     """List the pairs of these tiles from place `at` to `room`; returns how many they are."""
     start, other, first, inside = pairs.start, pairs.other, pairs.first, pairs.inside
