@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tbsa.errors import InputError
 from tbsa.model.scene import Reactor, Scene, check_is_scene
-from tbsa.model.squares import Floats, Integers, depth, inside, lattice, near
+from tbsa.model.squares import Floats, Integers, area, depth, inside, lattice, near
 
 TRIALS = 1_000_000, 300
 """Random positions tried before giving up: a number, and so many more for each tile."""
@@ -190,17 +190,17 @@ def _place(
     """
     reactor, width, before = scene.reactor, scene.material.width, len(x)
     assert reactor is not None  # the scene is validated
-    area = _area(reactor) / width**2
-    if wanted + before > area:
+    room = area(reactor) / width**2
+    if wanted + before > room:
         raise _too_many(scene, wanted, f"they and the others would cover "
-                        f"{(wanted + before) / area:.2f} of it; the area left is that of "
-                        f"{math.floor(area - before)} tiles, and random placement ends near 0.5")
+                        f"{(wanted + before) / room:.2f} of it; the area left is that of "
+                        f"{math.floor(room - before)} tiles, and random placement ends near 0.5")
     reach = math.sqrt(2) * width
     left = TRIALS[0] + TRIALS[1] * wanted
     while len(x) < before + wanted:
         if left <= 0:
             raise _too_many(scene, wanted, f"{len(x) - before} found a place at random without "
-                            f"overlap; the tiles would cover {(wanted + before) / area:.2f} of "
+                            f"overlap; the tiles would cover {(wanted + before) / room:.2f} of "
                             "the reactor, and random placement ends near 0.5, or earlier where "
                             "walls leave tiles no room to turn")
         batch = min(max(2 * (before + wanted - len(x)), len(x), 256), 65536, left)
@@ -224,12 +224,6 @@ def _place(
         keep = np.flatnonzero(accepted)[:before + wanted - len(x)]
         x, y, angle = np.append(x, p[keep]), np.append(y, q[keep]), np.append(angle, turn[keep])
     return x[before:], y[before:], angle[before:]
-
-
-def _area(reactor: Reactor) -> float:
-    if reactor.shape == "circle":
-        return math.pi * reactor.radius**2
-    return reactor.width * reactor.height
 
 
 def _point(reactor: Reactor, u: Floats, v: Floats) -> tuple[Floats, Floats]:

@@ -29,7 +29,7 @@ from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 import numpy as np
 
 from tbsa.errors import InputError, at_most
-from tbsa.model.squares import depth, inside, lattice, near
+from tbsa.model.squares import area, depth, inside, lattice, near
 
 EDGES = ("N", "E", "S", "W")
 
@@ -730,9 +730,7 @@ def _check_growth(scene: Scene) -> None:
     left, right, low, high = growth_box(seed, growth_margin(scene))
     sites = float((right - left + 1) * (high - low + 1))
     if reactor is not None:
-        area = (math.pi * reactor.radius**2 if reactor.shape == "circle"
-                else reactor.width * reactor.height)
-        wall = area / scene.material.width**2
+        wall = area(reactor) / scene.material.width**2
         sites = wall if single else min(sites, wall)
     if sites <= MOST_SITES:
         return

@@ -6,6 +6,7 @@ compiled code is needed.  Arrays broadcast; lengths in m, angles in rad.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,13 @@ def inside(
     reach = half * (np.abs(c) + np.abs(s)) - tolerance
     fits_x = np.abs(x) + reach <= 0.5 * reactor.width
     return np.asarray(fits_x & (np.abs(y) + reach <= 0.5 * reactor.height))
+
+
+def area(reactor: Reactor) -> float:
+    """Area inside the wall (m^2)."""
+    if reactor.shape == "circle":
+        return math.pi * reactor.radius**2
+    return reactor.width * reactor.height
 
 
 def depth(width: float, dx: Floats, dy: Floats, angle_a: Floats, angle_b: Floats) -> Floats:

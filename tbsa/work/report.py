@@ -14,6 +14,7 @@ from tbsa.kernels.projection import SLOP
 from tbsa.model.layout import Layout, initial_layout
 from tbsa.model.scene import EDGES, Drive, Scene
 from tbsa.model.simulation import floor_limits
+from tbsa.model.squares import area
 from tbsa.model.tiles import check, ground_truth
 from theory.floor import MEAN_DISTANCE, share
 from theory.magnets import Law
@@ -194,10 +195,10 @@ def _reactor(scene: Scene, layout: Layout) -> list[str]:
     if wall is None:
         return ["none: the floor has no end"]
     if wall.shape == "circle":
-        what, area = f"circle, radius {wall.radius:g} m", math.pi * wall.radius**2
+        what = f"circle, radius {wall.radius:g} m"
     else:
-        what, area = f"rectangle, {wall.width:g} m x {wall.height:g} m", wall.width * wall.height
-    share = layout.x.size * scene.material.width**2 / area
+        what = f"rectangle, {wall.width:g} m x {wall.height:g} m"
+    share = layout.x.size * scene.material.width**2 / area(wall)
     return [f"{what}; the tiles cover {100 * share:.1f} % of it"]
 
 
