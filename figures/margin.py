@@ -20,8 +20,8 @@ from figures._data import DRIVES
 from figures._records import KEPT, first_run
 from figures.style import BLUE, GREY, ORANGE, figure
 from paper_runs.paper import SELF
-from tbsa.model.scene import Scene
-from tbsa.model.simulation import EDGE_ANGLE, floor_limits
+from tbsa.model.scene import EDGE_ANGLE, Scene
+from tbsa.model.simulation import floor_limits
 from tbsa.model.tiles import ground_truth
 from theory.magnets import Law
 from theory.stability import Loads, Margin, Numbers, margin, recorded, shaking, unicycle

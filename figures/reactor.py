@@ -19,8 +19,7 @@ import tbsa
 from figures._shapes import PAPER, arrow, bristle_bot, canvas, note, signed, stage, tile
 from figures.style import BLUE
 from tbsa.kernels.drives import unicycle
-from tbsa.model.scene import Scene
-from tbsa.model.simulation import EDGE_ANGLE
+from tbsa.model.scene import EDGE_ANGLE, Scene
 from tbsa.work.draw import EDGE
 
 DATA: tuple[Path, ...] = ()

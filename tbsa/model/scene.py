@@ -32,6 +32,8 @@ from tbsa.errors import InputError, at_most
 from tbsa.model.squares import area, depth, inside, lattice, near
 
 EDGES = ("N", "E", "S", "W")
+EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
+"""From a tile's +x to each edge, rad."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from tbsa.kernels.jit import config, entry
 from tbsa.kernels.magnets import MagnetLaw, empty_magnet_pairs, magnet_forces
 from tbsa.kernels.neighbours import build_pairs, empty_pairs
 from tbsa.kernels.reach import TICKS
-from tbsa.kernels.rows import empty_impulses, empty_rows
+from tbsa.kernels.rows import DIAGONAL, empty_impulses, empty_rows
 from tbsa.kernels.state import (
     MORE_MAGNETS,
     MORE_PAIRS,
@@ -46,16 +46,12 @@ from tbsa.kernels.state import (
     empty_counts,
 )
 from tbsa.model.layout import Layout, check_start, initial_layout
-from tbsa.model.scene import Scene, check_is_scene, engine_path, engine_source
+from tbsa.model.scene import EDGE_ANGLE, Scene, check_is_scene, engine_path, engine_source
 from tbsa.model.squares import depth, inside, near
 
 Floats = NDArray[np.float64]
 
 PART = 1_000_000  # steps times tiles, done in one call of the kernels: what Ctrl-C waits for
-
-# Edge -> angle from the tile's +x to it.
-EDGE_ANGLE = {"N": math.pi / 2, "E": 0.0, "S": -math.pi / 2, "W": math.pi}
-
 
 NOTHING: Any = contextlib.nullcontext()  # a call for one small step is mostly what Python does
 
@@ -251,7 +247,7 @@ class Simulation:
             )))
         self.engine, self.parameters = _engine(scene)
         # A lone tile has no pairs, and then there is no list to keep.
-        reach = max(1.41422 * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
+        reach = max(DIAGONAL * body.width, self.magnets.cutoff + 2.0 * self.magnets.offset)
         self._reach = 1.001 * reach if n > 1 else 0.0
         self.counts = empty_counts()
         self._work = self._space()

@@ -33,7 +33,8 @@ from scipy.spatial import cKDTree
 
 from tbsa.errors import InputError
 from tbsa.model.layout import TURNED, Layout, check
-from tbsa.model.scene import Scene
+from tbsa.model.scene import EDGE_ANGLE as ANGLE_OF
+from tbsa.model.scene import EDGES, Scene
 from tbsa.model.squares import depth
 from tbsa.model.tiles import Growth, ground_truth, symmetry
 
@@ -63,7 +64,7 @@ ON_TURN = 0.25  # largest angle of a tile on the lattice from a quarter turn, ra
 
 FARTHEST = 1e9  # places (tile widths) up to which they are known to 1e-7 of one
 
-EDGE_ANGLE = np.array([0.5 * np.pi, 0.0, -0.5 * np.pi, np.pi])  # outward normals N, E, S, W
+EDGE_ANGLE = np.array([ANGLE_OF[edge] for edge in EDGES])  # rad, outward normals
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from tbsa.model.scene import Scene
-from tbsa.model.simulation import EDGE_ANGLE
+from tbsa.model.scene import EDGE_ANGLE, Scene
 from tbsa.model.squares import depth
 from theory import magnets
 
