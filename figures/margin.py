@@ -18,12 +18,12 @@ from matplotlib.figure import Figure
 import tbsa
 from figures._data import DRIVES
 from figures._records import KEPT, first_run
+from figures._shapes import law
 from figures.style import BLUE, GREY, ORANGE, figure
 from paper_runs.paper import SELF
 from tbsa.model.scene import EDGE_ANGLE, Scene
 from tbsa.model.simulation import floor_limits
 from tbsa.model.tiles import ground_truth
-from theory.magnets import Law
 from theory.stability import Loads, Margin, Numbers, margin, recorded, shaking, unicycle
 from theory.statics import Tiles
 
@@ -35,12 +35,9 @@ BOTTOM, TOP = 0.1, 30.0
 
 def numbers(scene: Scene) -> Numbers:
     """What holds the tiles of a scene, for theory: every pair of magnets in range."""
-    magnet, body = scene.magnet, scene.material
-    if magnet is None:
+    if scene.magnet is None:
         raise tbsa.InputError("must be there: without magnets nothing is held", field="magnet")
-    law = Law(magnet.alpha, magnet.beta, body.width, magnet.inset, magnet.cutoff, magnet.switch,
-              magnet.mismatch)
-    return Numbers(law, False, body.friction, floor_limits(scene))
+    return Numbers(law(scene), False, scene.material.friction, floor_limits(scene))
 
 
 def attached(run: Any, k: int, truth: Any) -> tuple[Tiles, np.ndarray, np.ndarray]:

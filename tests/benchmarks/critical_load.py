@@ -23,9 +23,11 @@ import numpy as np
 from tbsa.model.layout import Layout
 from tbsa.model.scene import SETS, Drive, Floor, Free, Magnet, Material, PlacedTile, Scene, Solver
 from tbsa.model.simulation import Simulation, floor_limits
-from theory.magnets import Law, force
+from theory.magnets import force
 from theory.scaling import seed_bond, slip_onset
 from theory.statics import Statics, Tiles, block, uniform
+
+from .invariants import law_of
 
 WIDTH = 0.03
 MATING = Magnet(cutoff=0.02)  # the magnets of neighbouring edges are 2.13 cm apart
@@ -49,12 +51,6 @@ def scene(tiles: Tiles, drive: Drive, magnet: Magnet, mu: float, floor: Floor | 
                    solver=Solver(1 / 120, 4, tolerance, passes))
     result.validate()
     return result
-
-
-def law_of(magnet: Magnet) -> Law:
-    """The same magnets for theory."""
-    return Law(magnet.alpha, magnet.beta, WIDTH, magnet.inset, magnet.cutoff, magnet.switch,
-               magnet.mismatch)
 
 
 MOVES, GONE = (1e-4, 0.25), (0.1, 1.0)  # how far (widths), within which time (s)

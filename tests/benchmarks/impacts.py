@@ -27,7 +27,8 @@ from tbsa.model.tiles import ground_truth
 from theory.magnets import pair_energy
 from theory.statics import Statics, Tiles, chessboard, uniform
 
-from .critical_load import WIDTH, law_of, scene
+from .critical_load import WIDTH, scene
+from .invariants import law_of
 
 ROW = [(i, -1) for i in range(-8, 9)]
 SHAPES = {

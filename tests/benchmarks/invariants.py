@@ -14,11 +14,17 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from tbsa.model.scene import EDGE_ANGLE, Scene
+from tbsa.model.scene import EDGE_ANGLE, Magnet, Material, Scene
 from tbsa.model.squares import depth
 from theory import magnets
 
 Floats = NDArray[np.float64]
+
+
+def law_of(magnet: Magnet, width: float = Material().width) -> magnets.Law:
+    """The same magnets for theory, in tiles so wide (m)."""
+    return magnets.Law(magnet.alpha, magnet.beta, width, magnet.inset, magnet.cutoff,
+                       magnet.switch, float(magnet.mismatch))
 
 
 class MagnetEnergy:
@@ -31,8 +37,7 @@ class MagnetEnergy:
         if magnet is None or self.cutoff == 0.0:
             return
         self.offset, self.mismatch = 0.5 * width - magnet.inset, float(magnet.mismatch)
-        law = magnets.Law(magnet.alpha, magnet.beta, width, magnet.inset, magnet.cutoff,
-                          magnet.switch, self.mismatch)
+        law = law_of(magnet, width)
         r = np.linspace(0.0, magnet.cutoff, 4001)
         self.table = CubicSpline(r, [magnets.energy(each, law) for each in r])
 

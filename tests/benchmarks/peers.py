@@ -39,10 +39,10 @@ from tbsa.model.scene import Scene
 from tbsa.model.simulation import Simulation, floor_limits
 from tbsa.work.report import aligned
 from tests.benchmarks.accuracy import RESULTS, Row, clock, save, sweep
-from tests.benchmarks.invariants import drive_loads, glues_of
+from tests.benchmarks.invariants import drive_loads, glues_of, law_of
 from tests.benchmarks.ramp import ramp
 from tests.benchmarks.scenes import Reference, at_step, references
-from theory.magnets import Law, fade
+from theory.magnets import fade
 
 Floats = NDArray[np.float64]
 SEGMENTS = 720  # of a round wall, which these engines have not got
@@ -62,10 +62,9 @@ class Magnets:
         self.alpha, self.beta, self.cutoff = magnet.alpha, magnet.beta, magnet.cutoff
         self.mismatch, self.switch = float(magnet.mismatch), magnet.switch
         self.offset = 0.5 * scene.material.width - magnet.inset
-        law = Law(magnet.alpha, magnet.beta, scene.material.width, magnet.inset, magnet.cutoff,
-                  magnet.switch)
-        assert math.isclose(fade(0.95 * magnet.cutoff, law), self.fade(
-            np.array([0.95 * magnet.cutoff]))[0], rel_tol=1e-12)
+        near = 0.95 * magnet.cutoff
+        assert math.isclose(fade(near, law_of(magnet, scene.material.width)),
+                            self.fade(np.array([near]))[0], rel_tol=1e-12)
 
     def fade(self, r: Floats) -> Floats:
         """The switch at the cut-off."""

@@ -41,6 +41,7 @@ from tbsa.model.scene import (
     dumps,
 )
 from tbsa.model.simulation import floor_limits
+from tests.benchmarks.invariants import law_of
 from theory import impact, magnets, motion, rotation, unicycle
 from theory.snap import Body, Meeting, closing, meet, separation
 
@@ -221,11 +222,6 @@ def coupled() -> Reference:
 # Two tiles and their magnets.
 
 
-def _law(magnet: Magnet) -> magnets.Law:
-    return magnets.Law(magnet.alpha, magnet.beta, WIDTH, magnet.inset, magnet.cutoff,
-                       magnet.switch, float(magnet.mismatch))
-
-
 def _meet(scene: Scene, poses: Any, twists: Any) -> Meeting:
     """The exact motion of the scene's two tiles, the first of which is held."""
     assert scene.magnet is not None
@@ -233,7 +229,7 @@ def _meet(scene: Scene, poses: Any, twists: Any) -> Meeting:
     free = Body(MASS, INERTIA, *floor_limits(scene), scene.material.linear_damping,
                 scene.material.angular_damping)
     return meet(poses, twists, (Body(math.inf, math.inf), free),
-                [glues[each.type] for each in scene.free.tiles], _law(scene.magnet))
+                [glues[each.type] for each in scene.free.tiles], law_of(scene.magnet))
 
 
 def last_free(engine: Engine, seconds: float) -> NDArray[np.float64]:
@@ -518,7 +514,7 @@ def _row_of(n: int, omega: float) -> list[PlacedTile]:
 def flying(n: int, magnet: Magnet, name: str) -> Reference:
     """A bonded pair or row of three that spins: the spin at which it flies apart."""
     bond = magnets.bond_force(SETS["chessboard"][0].glues, SETS["chessboard"][1].glues,
-                              _law(magnet))
+                              law_of(magnet))
     truth = rotation.critical_spin(bond, MASS, WIDTH, n)
     scene = build(f"Spinning row of {n}, cut-off {100 * magnet.cutoff:g} cm",
                   _row_of(n, 0.99 * truth), types=SETS["chessboard"], magnet=magnet)
