@@ -42,7 +42,7 @@ from tbsa.model.scene import (
 )
 from tbsa.model.simulation import floor_limits
 from tests.benchmarks.invariants import law_of
-from theory import impact, magnets, motion, rotation, unicycle
+from theory import impact, magnets, motion, rotation, scaling, unicycle
 from theory.snap import Body, Meeting, closing, meet, separation
 
 HERE = Path(__file__).parent
@@ -208,7 +208,7 @@ COUPLED = {"mass": MASS, "width": WIDTH, "force": 0.075, "torque": 1e-4, "freque
 
 
 def coupled() -> Reference:
-    """The same on coupled friction, which steers the tile as a unicycle."""
+    """The same on coupled friction, one bound for sliding and turning."""
     times = np.arange(1.0, 21.0)
     truth = unicycle.coupled_tile(times, **COUPLED)
     scene = build("Driven tile, coupled friction", [tile(0, 0)], floor=Floor("coupled"),
@@ -551,30 +551,9 @@ class Block:
 
     def bracket(self) -> tuple[float, float]:
         """Loads (N a tile) at which slip can begin, and up to which a state of rest exists."""
-        g, mu = BOND / self.n, self.friction
-        grip = MU * MASS * GRAVITY if self.floor else 0.0
-        cos, sin = math.cos(self.angle), math.sin(self.angle)
-        if sin > cos:
-            cos, sin = sin, cos
-        along = cos + mu * sin
-        slip = ((1.0 + mu) * g + grip) / along
-        rest = ((1.0 + mu) * g + grip * math.hypot(1.0, mu)) / along
-        # Lift-off: |load - glue| = grip with both components >= 0.
-        off = math.inf
-        if cos * sin > 0.0 or grip > 0.0:
-            b = g * (cos + sin)
-            root = b * b - 2.0 * g * g + grip * grip
-            if root >= 0.0:
-                load = b + math.sqrt(root)
-                if load * sin >= g * (1.0 - 1e-12):
-                    off = load
-        if slip * sin > g * (1.0 + 1e-12):  # it no longer presses on the wall it slides along
-            slip = off
-        # At rest the wall presses with g + grip mu/sqrt(1 + mu^2) - F sin >= 0.
-        share = grip * mu / math.hypot(1.0, mu)
-        if rest * sin > (g + share) * (1.0 + 1e-12):
-            rest = off
-        return min(slip, off), rest
+        case = self.angle, self.n, BOND, self.friction, MU * MASS * GRAVITY * self.floor
+        rest = scaling.critical_load(*case)
+        return min(scaling.slip_onset(*case), rest), rest
 
     def scene(self, factor: float, rate: float = 0.0) -> Scene:
         """Under `factor` times the rest load; rising from there by `rate` of it in a second."""
