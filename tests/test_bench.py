@@ -23,8 +23,7 @@ from tbsa.model.scene import (
     parse,
 )
 from tbsa.model.simulation import Simulation
-from tbsa.work.bench import Trial, bench, describe, recommend
-from tbsa.work.bench import _layout as start_of
+from tbsa.work.bench import Trial, bench, describe, layout_of, recommend
 from tbsa.work.bench import _overlap as new_overlap
 from tbsa.work.bench import _run as trial_run
 from tbsa.work.cli import main
@@ -137,7 +136,7 @@ def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
     first, whole = Simulation(lone), Simulation(lone)
     first.run(0.625)
     whole.run(0.75)
-    (x, y, _), overlap, cost = trial_run(lone, lone.solver, start_of(first), first.time, 0.125)
+    (x, y, _), overlap, cost = trial_run(lone, lone.solver, layout_of(first), first.time, 0.125)
     assert (x[0], y[0]) == pytest.approx((whole.x[0], whole.y[0]), abs=1e-15)
     assert abs(y[0]) > WIDTH
     assert overlap == 0.0

@@ -98,7 +98,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     horizon, after = (longest * round(each / longest) for each in (horizon, after))
     first = Simulation(scene)
     first.run(after)
-    start, begun = _layout(first), first.time
+    start, begun = layout_of(first), first.time
 
     settings = [replace(scene.solver, step=step,
                         tolerance=min(float(f"{factor * scene.solver.tolerance:.12g}"), 1.0),
@@ -179,7 +179,7 @@ def _takes(scene: Scene, solver: Solver) -> bool:
     return True
 
 
-def _layout(simulation: Simulation) -> Layout:
+def layout_of(simulation: Simulation) -> Layout:
     """Where the tiles are now, as a start."""
     s = simulation
     return replace(s.layout, x=s.x.copy(), y=s.y.copy(), angle=s.angle.copy(), vx=s.vx.copy(),

@@ -55,6 +55,7 @@ from tbsa.model.layout import Layout
 from tbsa.model.records import write_atomically
 from tbsa.model.scene import Free, PlacedTile, Scene, Solver, fingerprint, load
 from tbsa.model.simulation import Simulation
+from tbsa.work.bench import layout_of
 from tbsa.work.report import aligned
 from tests.benchmarks.accuracy import PAPER, RESULTS
 from tests.benchmarks.peers import Box2D, Peer, Pymunk
@@ -136,12 +137,6 @@ def start(scene: Scene, layout: Layout, begun: float) -> Simulation:
     s = Simulation(scene, layout)
     s.steps = round(begun / s.h)
     return s
-
-
-def layout_of(s: Simulation) -> Layout:
-    """Where its tiles are now, as a start."""
-    return replace(s.layout, x=s.x.copy(), y=s.y.copy(), angle=s.angle.copy(), vx=s.vx.copy(),
-                   vy=s.vy.copy(), omega=s.omega.copy())
 
 
 def evolved(scene: Scene, seconds: float, folder: Path) -> Layout:
