@@ -659,5 +659,5 @@ def _shared_edges(tiles: Tiles, body: Ints) -> Ints:
 
 
 def uniform(tiles: Tiles, fx: float, fy: float, torque: float = 0.0) -> Reals:
-    """The same load on every free tile, float64[n, 3]."""
+    """The same load on every free tile, float64[n, 3] (N, N, N m)."""
     return np.where(tiles.held[:, None], 0.0, np.array([fx, fy, torque]))

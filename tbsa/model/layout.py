@@ -137,6 +137,8 @@ def initial_layout(scene: Scene) -> Layout:
     InputError
         When the random tiles do not fit: at once if their area exceeds the free area, else
         after `TRIALS` random positions.
+    TypeError
+        Where it is no scene.
     """
     check_is_scene(scene)
     index = {tile_type.name: i for i, tile_type in enumerate(scene.types)}

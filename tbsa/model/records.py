@@ -3,6 +3,7 @@
 A run's folder holds
 
     scene.toml      the scene, complete
+    drive.py        the module of a user's own drive, if it has one
     run.json        version, fingerprint of the scene, wall time, counters
     layout.npz      what each tile is and where it started
     records.npy     one structured entry a record: time, the six state arrays, and a checksum

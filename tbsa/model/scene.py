@@ -51,8 +51,8 @@ class TileType:
 class Material:
     """The tile's body and its contacts: the paper's Table I."""
 
-    width: float = 0.03
-    mass: float = 0.016
+    width: float = 0.03  # m
+    mass: float = 0.016  # kg
     friction: float = 0.25  # tile-tile
     restitution: float = 0.2  # tile-tile
     linear_damping: float = 0.8  # 1/s
@@ -65,8 +65,8 @@ class Seed:
     """Held tiles on a square lattice, cell (0, 0) at ``centre``, turned by ``angle``."""
 
     cells: tuple[tuple[int, int, str], ...]  # (column, row, tile type)
-    centre: tuple[float, float] = (0.0, 0.0)
-    angle: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)  # m
+    angle: float = 0.0  # rad
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ class Reactor:
     """The wall: a circle of ``radius``, or a rectangle of ``width`` x ``height``, at the origin."""
 
     shape: str  # "circle" | "rectangle"
-    radius: float = 0.0
-    width: float = 0.0
-    height: float = 0.0
-    friction: float = 0.25
-    restitution: float = 0.2
+    radius: float = 0.0  # m
+    width: float = 0.0  # m
+    height: float = 0.0  # m
+    friction: float = 0.25  # tile-wall
+    restitution: float = 0.2  # tile-wall
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,11 @@ class PlacedTile:
     """One tile placed explicitly."""
 
     type: str
-    position: tuple[float, float]
-    angle: float = 0.0
-    velocity: tuple[float, float] = (0.0, 0.0)
-    spin: float = 0.0
-    held: bool = False
+    position: tuple[float, float]  # m, of its centre
+    angle: float = 0.0  # rad
+    velocity: tuple[float, float] = (0.0, 0.0)  # m/s
+    spin: float = 0.0  # rad/s
+    held: bool = False  # never moves
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ class Floor:
     """Dry friction between tile and floor."""
 
     law: str = "separate"  # "separate" | "coupled" | "exact"
-    linear: float = 0.25
-    angular: float = 0.25  # separate only
+    linear: float = 0.25  # coefficient: force over weight
+    angular: float = 0.25  # coefficient of the torque, see `floor_limits`; separate only
     angular_reading: str = "engine"  # "engine" | "uniform-pressure"; separate only
     gravity: float = 9.81  # m/s^2
 
@@ -908,7 +908,13 @@ def parse(source: str | Mapping[str, Any], file: str = "") -> Scene:
 
 
 def dumps(scene: Scene) -> str:
-    """The scene as complete TOML; `parse` gives the same scene again, apart from `file`."""
+    """The scene as complete TOML; `parse` gives the same scene again, apart from `file`.
+
+    Raises
+    ------
+    TypeError
+        Where it is no scene.
+    """
     check_is_scene(scene)
     lines = [f"title = {_toml(scene.title)}", f"temperature = {_toml(scene.temperature)}"]
     parts = list(_parts(scene))

@@ -156,6 +156,14 @@ class Simulation:
     counts
         What the run has done so far, see :class:`tbsa.kernels.state.Counts`.
 
+    Raises
+    ------
+    InputError
+        Where the scene is not valid, its random tiles do not fit, the layout is not one to begin
+        with, `threads` is no whole number from 1, or a user's drive cannot be compiled.
+    TypeError
+        Where there is no scene, or what is given as a layout is none.
+
     Notes
     -----
     The same scene gives the same bits on one CPU type and set of package versions, however the
@@ -455,8 +463,10 @@ class Simulation:
         Returns
         -------
         dict
-            ``a``, ``b`` (tile numbers; b = n for the wall), ``points`` (1 or 2), ``normal0``,
-            ``normal1`` (N, >= 0, at the two points), ``friction`` (N, along the tangent).
+            Arrays of one length: ``a``, ``b`` (tile numbers, a < b; b = n for the wall),
+            ``points`` (1 or 2), ``normal0``, ``normal1`` (N, >= 0, at the two points),
+            ``friction`` (N, on b, along a quarter turn counter-clockwise from the normal that
+            leads from a to b).
         """
         store = self.state.impulses
         k = slice(0, int(store.size[0]))

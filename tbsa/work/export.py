@@ -39,6 +39,8 @@ def export(records: Records, path: str | Path) -> None:
     ------
     InputError
         Where the package gsd is missing, or the path cannot be written.
+    TypeError
+        Where `records` are none of a run.
     """
     check_is_run(records)
     path = target(path, (".gsd",))

@@ -78,6 +78,8 @@ def movie(
         bounds, or a ``.mp4`` without ffmpeg.
     RuntimeError
         Where ffmpeg fails, with what it said.
+    TypeError
+        Where `records` are none of a run.
     """
     check_is_run(records)
     path = target(path, FORMATS)

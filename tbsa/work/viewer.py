@@ -34,8 +34,8 @@ def view(records: Records, path: str | Path, *, begin: float | None = None,
          end: float | None = None, every: int = 1) -> int:
     """Write the page of a run; returns the number of records in it.
 
-    Places are kept to 1/65535 of the picture's side, angles to 1/65536 of a turn: 8 bytes a tile
-    and record, with what it is marked as.
+    Places are kept to 1/65535 of the picture's side, angles to 1/65536 of a turn: 7 bytes a tile
+    and record, with what it is marked as, which are 9.3 letters of the page.
 
     Parameters
     ----------
@@ -50,6 +50,8 @@ def view(records: Records, path: str | Path, *, begin: float | None = None,
     ------
     InputError
         As :func:`tbsa.work.movie.movie`.
+    TypeError
+        Where `records` are none of a run.
     """
     check_is_run(records)
     path = target(path, (".html",))
