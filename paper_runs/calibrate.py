@@ -263,7 +263,7 @@ def _and(words: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
-def readings(folder: Path, table: pd.DataFrame) -> list[str]:
+def readings(table: pd.DataFrame) -> list[str]:
     """Each reading against the base: size with its difference, errors, holes, and the rest."""
     ended = table[table["status"] == "done"]
     base = {drive: rows[rows["group"] == "base"] for drive, rows in ended.groupby("drive")}
@@ -380,7 +380,7 @@ def report(folders: dict[str, Path]) -> tuple[str, list[Candidate]]:
         lines += ["", "## Maps", "", *maps(mapped)]
     if "readings" in tables:
         lines += ["", "## Readings, one at a time", "",
-                  *readings(folders["readings"], tables["readings"])]
+                  *readings(tables["readings"])]
     return "\n".join(lines).rstrip() + "\n", ranked
 
 

@@ -539,7 +539,7 @@ def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
             each.scene.magnet.cutoff > 0.03))
 
     tables(HERE / "readings.toml", tmp_path, metrics)
-    lines = calibrate.readings(tmp_path, load(tmp_path))
+    lines = calibrate.readings(load(tmp_path))
     assert "after 300 s; ± is the standard deviation between seeds. The base: unicycle " in lines[0]
     cells = {tuple(part.strip() for part in line.split("|")[1:3]):
              [part.strip() for part in line.split("|")[3:-1]]
@@ -554,7 +554,7 @@ def test_the_effect_of_a_reading_is_tabulated_with_its_spread(tmp_path):
         name for name, _ in cells}
     assert any("2 of " in line and "by chance" in line for line in lines)
     single = load(tmp_path)
-    lines = calibrate.readings(tmp_path, single[single["seed"] == single["seed"].min()])
+    lines = calibrate.readings(single[single["seed"] == single["seed"].min()])
     assert any("leaves out 0: 0 of 0, of which 0 would" in line for line in lines)
 
 

@@ -15,7 +15,6 @@ from scipy.optimize import brentq
 from tbsa.kernels.geometry import BLUNT
 
 EAST_FIRST = (1, 1j, -1, -1j)  # outward normals of E, N, W, S, the order of the contact ids
-NORTH_FIRST = (1j, 1, -1j, -1)  # N, E, S, W, the order of glues
 
 
 def dot(u, v):
