@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon, Rectangle
 from matplotlib.patheffects import Stroke
@@ -20,6 +20,7 @@ import tbsa
 from figures.style import COLUMN, figure
 from tbsa.model.scene import Scene, TileType
 from tbsa.work.draw import BOND, EDGE
+from tbsa.work.draw import ink as ink_on
 from tbsa.work.metrics import CORNERS, EDGE_ANGLE
 from theory.magnets import Law
 
@@ -75,8 +76,7 @@ def tint(colour: str, pale: bool = True) -> tuple[float, float, float]:
 
 def ink(colour: tuple[float, float, float]) -> str:
     """What is read on a colour: nearly black or nearly white."""
-    r, g, b = colour
-    return "#202020" if 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.4 else "#f4f4f4"
+    return to_hex(ink_on(np.array([colour]))[0])
 
 
 def tile(ax: Axes, kind: TileType, x: float, y: float, angle: float = 0.0, *, pale: bool = True,

@@ -1,4 +1,4 @@
-"""A running simulation: a scene, its state, and the substeps that advance it."""
+"""A running simulation: a scene, its state, and the calls that advance it."""
 
 from __future__ import annotations
 

@@ -346,7 +346,7 @@ def faded(colour: Floats) -> Floats:
 def ink(colour: Floats) -> Floats:
     """Dark or light, float64[n, 3], what shows on such colours, by their brightness (BT.709)."""
     bright = colour @ np.array([0.2126, 0.7152, 0.0722]) > 0.4
-    return np.where(bright[:, None], to_rgb("#202020"), to_rgb("#f4f4f4"))
+    return np.where(bright[:, None], to_rgb(EDGE), to_rgb("#f4f4f4"))
 
 
 def _stamp(
