@@ -473,6 +473,14 @@ def test_curves_of_a_summary_do_not_look_alike():
         summary_figure({f"run {k}": rows for k in range(17)}, {})
 
 
+def test_the_legend_of_a_summary_names_every_run():
+    rows = pd.DataFrame({name: np.arange(5.0) for name in (
+        "time", "size", "errors_percent", "holes_percent")})
+    names = ["shaking", "_old", "_nolegend_"]
+    figure = summary_figure(dict.fromkeys(names, rows), {})
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == names
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_summary_has_room_for_a_run_without_rows(order):
     whole = pd.DataFrame({name: np.arange(5.0) for name in (

@@ -261,7 +261,8 @@ def summary_figure(
         ax.set_ylim(bottom=0.0, top=max(ax.get_ylim()[1], 1.0))
         ax.grid(color="#d8d8d8", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
-    below.legend(*axes[0].get_legend_handles_labels(), ncols=4, **OUTSIDE)
+    # Curves and names, as a legend looks for itself only for labels without a leading underscore.
+    below.legend(axes[0].get_lines(), list(tables), ncols=4, **OUTSIDE)
     _settle(figure)
     if file is not None:
         _save(figure, file)
