@@ -14,7 +14,7 @@ from twins_metrics import twin
 from tbsa.errors import InputError
 from tbsa.model.layout import Layout, initial_layout
 from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Scene, Seed, TileType
-from tbsa.model.tiles import ground_truth, mirrored
+from tbsa.model.tiles import check, ground_truth, mirrored
 from tbsa.work import metrics
 
 W = 0.03
@@ -133,6 +133,19 @@ def test_another_type_of_the_right_colour_is_no_error():
     types = (*CHESS, replace(IMPOSTOR, colour="white"))
     found = measure(scene_of([at(1, 1), at(2, 1, "impostor"), at(1, 2)], types))
     assert (found.size, found.errors) == (3, 0)
+
+
+def test_colours_are_compared_as_they_look():
+    black, white = CHESS
+    types = (black, replace(white, colour="white"), replace(white, name="twin", colour="#FFFFFF"),
+             replace(IMPOSTOR, colour="none"))
+    found = measure(scene_of([at(1, 1), at(2, 1, "twin"), at(1, 2)], types))
+    assert found.directed
+    assert (found.size, found.errors) == (3, 0)
+    assert not any(each.wanted == each.offered or {each.wanted, each.offered} == {"white", "twin"}
+                   for each in check(types, ground_truth(scene_of([], types))))
+    found = measure(scene_of([at(1, 1), at(2, 1, "impostor")], types))  # "none" is no black
+    assert (found.size, found.errors) == (2, 1)
 
 
 def test_a_half_turn_is_right_for_a_tile_of_that_symmetry():

@@ -19,7 +19,8 @@ from tbsa.model.squares import inside, lattice
 
 __all__ = [
     "EDGES", "SETS", "STEPS", "Conflict", "Growth", "PartialMatch", "Site", "TileType",
-    "attracts", "check", "ground_truth", "grow", "mirrored", "rotated", "strength", "symmetry",
+    "attracts", "check", "ground_truth", "grow", "look", "mirrored", "rotated", "strength",
+    "symmetry",
 ]
 
 Site = tuple[int, int]  # column, row
@@ -51,6 +52,15 @@ def mirrored(tile_type: TileType) -> TileType:
 def symmetry(tile_type: TileType) -> int:
     """The smallest number of quarter turns (1, 2 or 4) that maps the glues to themselves."""
     return next(k for k in (1, 2, 4) if rotated(tile_type.glues, k) == tile_type.glues)
+
+
+def look(colour: str) -> str:
+    """A colour as it is drawn, "#rrggbb", so that "black" and "#000000" are one; text that is no
+    colour is left as it is."""
+    from matplotlib.colors import is_color_like, to_hex  # when it is needed, as pictures are
+
+    drawn = is_color_like(colour) and colour.lower() != "none"
+    return to_hex(colour) if drawn else colour
 
 
 @dataclass(frozen=True)
@@ -149,7 +159,7 @@ def grow(
         return found[0] if found and may(site) else None
 
     sites = _closure(seed, first_that_binds)
-    pattern = [(each.glues, each.colour) for each in types]
+    pattern = [(each.glues, look(each.colour)) for each in types]
 
     def rivals(site: Site, there: Mapping[Site, int]) -> list[int]:
         return [i for i in able(site, there) if pattern[i] != pattern[sites[site]]]
@@ -309,13 +319,14 @@ def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
         if site not in growth.seed and len(facing) >= 2:
             contexts[placed, facing] += 1
     found: Counter[tuple[str, str, int, int, str, int]] = Counter()
+    looks = [look(each.colour) for each in types]
     for (placed, facing), sites in contexts.items():
         wanted = types[placed]
-        for offered in types:
+        for offered, shown in zip(types, looks, strict=True):
             for turns in range(symmetry(offered)):
                 glues = rotated(offered.glues, turns)
                 edges = [edge for edge, glue in facing if attracts(glues[edge], glue)]
-                if not edges or (glues, offered.colour) == (wanted.glues, wanted.colour):
+                if not edges or (glues, shown) == (wanted.glues, looks[placed]):
                     continue
                 repelled = sum(glues[edge] != 0 and glue != 0 for edge, glue in facing)
                 found[wanted.name, offered.name, turns, len(edges), _arrangement(edges),

@@ -36,7 +36,7 @@ from tbsa.model.layout import TURNED, Layout, check
 from tbsa.model.scene import EDGE_ANGLE as ANGLE_OF
 from tbsa.model.scene import EDGES, Scene
 from tbsa.model.squares import depth
-from tbsa.model.tiles import Growth, ground_truth, symmetry
+from tbsa.model.tiles import Growth, ground_truth, look, symmetry
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -216,7 +216,7 @@ def assembly(
         wrongly_turned = on_lattice & (turn % period[layout.type] != 0)
         hole_sites = _holes(site[on_lattice | seed])
         if directed:
-            colour = _numbered([kind.colour for kind in types])
+            colour = _numbered([look(kind.colour) for kind in types])
             there = np.flatnonzero(on_lattice)
             wanted = [truth.types.get((c, r), -1) for c, r in site[there].tolist()]
             want = np.array(wanted, dtype=np.int64)
