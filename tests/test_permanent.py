@@ -162,6 +162,25 @@ def test_equal_cuboids_on_one_axis_are_the_same_by_both_ways(side, height, gap):
     assert force == pytest.approx(-parallel_cuboids(at, size, size, J)[..., 2], abs=1e-14 * terms)
 
 
+@pytest.mark.parametrize("height", [1e-4, 1e-3, 1e-2])
+def test_far_cuboids_keep_their_digits(height):
+    """Against the mean force of two dipoles in any two of their places, which does not cancel."""
+    side = 1e-3
+    diagonal = math.hypot(math.sqrt(2) * side, height)
+    z = diagonal * np.array([2.0, 2.4, 2.6, 5.0, 30.0, 1e3, 1e5])
+    node, weight = np.polynomial.legendre.leggauss(16)
+    node, weight = 0.5 * (node + 1), 0.5 * weight * (1 - node)  # of differences of places
+    t, of_t = np.append(node, -node), np.append(weight, weight) / 2
+    u, v, w = side * node[:, None, None], side * node[:, None], height * t
+    way = z[:, None, None, None] + w
+    r = np.sqrt(u * u + v * v + way * way)
+    share = weight[:, None, None] * weight[:, None] * of_t
+    mean = np.sum(share * (15 * way**3 / r**7 - 9 * way / r**5), axis=(1, 2, 3))
+    moment = J * side**2 * height
+    assert coaxial_cuboids(z, side, height, J) == pytest.approx(
+        moment**2 / (4 * math.pi * mu_0) * mean, rel=1e-8, abs=0.0)
+
+
 def test_a_cube_and_a_cylinder_of_one_area_pull_alike():
     side, radius = 0.01, 0.01 / math.sqrt(math.pi)
     cube = -parallel_cuboids([0, 0, 0.03], [side] * 3, [side] * 3)[2]

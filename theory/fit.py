@@ -238,8 +238,7 @@ class Fit:
         """Derivatives of the force by the free parameters, over the uncertainties.
 
         Exact by the amplitude; else central differences, of steps at which rounding does not
-        count: a cuboid's force is the sum of terms that cancel, at 6 cm from cubes of 1 mm to 5e-6
-        of it.
+        count: a near cuboid's force is the sum of terms that cancel, of flat ones to 1e-7 of it.
         """
         columns, power = [], self.model.power
         for k in np.flatnonzero(self.free):
