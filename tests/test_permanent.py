@@ -1,6 +1,7 @@
 """Exact forces of permanent magnets: against magpylib's fields, brute force and superposition."""
 
 import math
+from time import perf_counter
 
 import magpylib
 import numpy as np
@@ -85,6 +86,19 @@ def test_many_discs_are_as_each_alone():
     assert np.array_equal(together[::100].ravel(), [float(discs(g)) for g in gap[::100].ravel()])
     assert discs(0.5).shape == ()
     assert discs(np.zeros((0, 4))).shape == (0, 4)
+
+
+def test_distant_discs_take_no_more_than_some_times_what_near_ones_do():
+    def least(gap):
+        times = []
+        for _ in range(20):
+            begun = perf_counter()
+            discs(gap)
+            times.append(perf_counter() - begun)
+        return min(times)
+
+    near = np.linspace(0.01, 0.99, 20_000)
+    assert least(near + 2) < 8 * least(near)
 
 
 def test_long_cylinders_in_contact_pull_like_two_charged_plates():

@@ -36,12 +36,12 @@ def discs(gap: ArrayLike) -> Floats:
     p = np.hypot(2.0, close)
     s[near] = 0.5 - close * p / (2 * np.pi) * (ellipkm1((close / p) ** 2) - ellipe((2 / p) ** 2))
     t = (np.arange(24) + 0.5) * (np.pi / 48)
-    across, share = 2 * np.sin(t), np.sin(2 * t) ** 2
+    across, share = 4 * np.sin(t) ** 2, np.sin(2 * t) ** 2
     distant = np.flatnonzero(~near)
     for begin in range(0, distant.size, BLOCK):
         which = distant[begin:begin + BLOCK]
         far = g[which, None]
-        reach = np.hypot(far, across)
+        reach = np.sqrt(far * far + across)  # np.hypot takes several times as long
         s[which] = np.mean(share / (reach * (reach + far)), axis=-1)
     return s.reshape(np.shape(gap))
 
