@@ -686,6 +686,28 @@ def test_a_profile_does_not_depend_on_what_was_looked_at_before():
     assert intervals(found)["height"] == interval(found, "height")
 
 
+def test_a_profile_of_many_points_goes_most_of_its_way_with_their_means(monkeypatch):
+    asked = [0]
+
+    def force(d, *values):
+        asked[0] += d.size
+        return plain.force(d, *values)
+
+    plain = models("gap")["cuboid"]
+    z = np.linspace(2e-3, 30e-3, 3000)
+    true = plain.force(z, 1.2, 5e-3, 4e-3)
+    noise = np.random.default_rng(1).standard_normal(z.size)
+    found = fit(plain._replace(force=force), z, true * (1 + 0.02 * noise), 0.02 * true)
+    ends, costs = [], []
+    for enough in (500, z.size):
+        monkeypatch.setattr(fitting, "ENOUGH", enough)
+        asked[0] = 0
+        ends.append(interval(found, "side"))
+        costs.append(asked[0])
+    assert ends[0] == pytest.approx(ends[1], rel=1e-6)
+    assert costs[0] < 0.7 * costs[1]
+
+
 def test_a_profile_that_runs_along_a_bound_has_its_ends():
     """Of scattered points, where the solver's step from a bound is no number."""
     force = np.array([2.211, 0.215, 0.07226, 0.02091, 0.008878, 0.005595, 0.002319, 0.001491])

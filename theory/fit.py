@@ -504,6 +504,12 @@ def _put(values: Floats, k: Any, value: Any) -> Floats:
     return changed
 
 
+def _begun(problem: Fit) -> Fit:
+    """As :func:`_solve`, of many points from where their means lead: most of the way for little."""
+    few = _means(problem)
+    return _solve(problem if few is problem else replace(problem, values=_solve(few).values))
+
+
 def _solve(problem: Fit, to: float = EXACTLY) -> Fit:
     """The minimum that `problem.values` leads to.
 
@@ -700,7 +706,8 @@ def profile(fit: Fit, name: str, value: float) -> float:
 def _valley(fit: Fit) -> list[Floats]:
     """Values along the valley of chi^2, in the order of the last free parameter; see :func:`_held`.
 
-    None with less than two free shapes, of which a profile leaves one to find.
+    None with less than two free shapes, of which a profile leaves one to find.  They are starts:
+    of many points the valley of their means does as well.
     """
     which = np.flatnonzero(fit.free)
     if which.size - fit.free[0] < 2:
@@ -709,7 +716,7 @@ def _valley(fit: Fit) -> list[Floats]:
     places = np.geomspace(max(fit.low[k], 1e-3 * fit.high[k]), fit.high[k], VALLEY)
     found = [fit.values]
     for side in (places[places > fit.values[k]], places[places < fit.values[k]][::-1]):
-        last = fit
+        last = _means(fit)
         for place in side:
             last = _solve(replace(last, values=_put(last.values, k, place),
                                   free=fit.free & (np.arange(fit.free.size) != k)))
@@ -719,7 +726,10 @@ def _valley(fit: Fit) -> list[Floats]:
 
 def _minima(fit: Fit, t: float, along: Sequence[Floats]) -> list[Floats]:
     """Minima of chi^2 that its valley leads to, of those within the threshold of a profile."""
-    found = [_solve(replace(fit, values=values)) for values in along]
+    few = _means(fit)
+    found = [_solve(replace(few, values=values)) for values in along]
+    if few is not fit:
+        found = [_solve(replace(fit, values=each.values)) for each in _different(found)]
     return [each.values for each in found if each.chi2 - fit.chi2 < (t * fit.scale) ** 2]
 
 
@@ -736,7 +746,7 @@ def _held(fit: Fit, k: int, value: float, along: Sequence[Floats]) -> Fit:
     starts = starts or [min([fit.values, *along], key=lambda each: abs(float(each[k]) - value))]
     held = [replace(fit, values=_put(start, k, value), free=others) for start in starts]
     if others.any():
-        held = [_solve(each) for each in held]
+        held = [_begun(each) for each in held]
     return min(held, key=lambda each: each.chi2 if np.isfinite(each.chi2) else math.inf)
 
 
