@@ -164,6 +164,9 @@ from tbsa.kernels.sweeps import apply_blocks, apply_impulses, floor_tiles, sweep
 SUDDEN = 0.03
 # Where no tile goes further than this in a step (widths), all are at rest.
 STILL = 1e-15
+# The last substep's impulses tell what contacts give in this one if loads give so many tolerances
+# in it; and bring nothing further than this in half a step (widths), or they are others then.
+TOLD, STEADY = 10.0, 0.01
 # Up to one tile in so many that comes further than assumed, and in the substep of an impact so many
 # of a small scene, has its rows added; for more, all rows are found anew.
 FEW_TILES = 8
@@ -388,8 +391,10 @@ def substep(k: Numbers, kh: Numbers, ticks: int, middle: float, known: bool, end
         turn_again(low, high, known, angle, work)
     collect(crew)
 
-    loads = Loads(h, gain, work.fx, work.fy, work.torque, floor, h - middle if seen else math.inf,
-                  slow, slow_spin, state.early, state.seen)
+    half = 0.5 * k.substeps * k.h
+    told = pull * k.h > TOLD * k.tolerance and pull * half * half <= STEADY * k.width
+    loads = Loads(h, gain, told, work.fx, work.fy, work.torque, floor,
+                  h - middle if seen else math.inf, slow, slow_spin, state.early, state.seen)
     if m > 0:
         blocks = rows.first[COLOURS]
         low, high = give(crew, PLACE, ZERO, blocks, LEAST_BLOCKS)

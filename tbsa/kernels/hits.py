@@ -20,6 +20,11 @@ TOUCHING = 1e-3
 SAME = 1e-3
 # Tiles that come no further than this fraction of the width until they hit are left where they are.
 NOWHERE = 1e-5
+# In ``points``: an impact of this substep has left a row together, if none that came after it; and
+# has parted what was pressed.
+LISTED, SPLIT = 4, 8
+# In ``leans``: it gains what forces and contacts gave it in the last substep.
+ALONG = 2
 
 
 class Scratch(NamedTuple):
@@ -49,11 +54,14 @@ class Scratch(NamedTuple):
     owedx: np.ndarray  # m/s, what it is to get besides when all that hits has hit
     owedy: np.ndarray
     owedw: np.ndarray  # rad/s
+    alongx: np.ndarray  # m/s, what forces and contacts give one that goes ALONG, without the floor
+    alongy: np.ndarray
+    alongw: np.ndarray  # rad/s
     drawn: np.ndarray  # int64, whether it has been asked for that
-    leans: np.ndarray  # int64, and lies on a tile that moves, so that forces are no part of it
+    leans: np.ndarray  # int64, and whether it lies on a tile that moves: 0, 1 or ALONG
     pulled: np.ndarray  # int64, the tiles that have
     left: np.ndarray  # int64, the rows that an impact of this substep has left together
-    points: np.ndarray  # int64, and which of their points: 1, 2 or 3, and LISTED; 0 of all others
+    points: np.ndarray  # int64, and which of their points: 1, 2 or 3, and LISTED, SPLIT
     thrown: np.ndarray  # int64, the rows that an impact of this substep throws on, though pressed
     lost0: np.ndarray  # N s, what their points bore until then; 0 of all others
     lost1: np.ndarray
@@ -79,6 +87,7 @@ class Loads(NamedTuple):
 
     h: float  # s, its length
     gain: float  # m, how much further two tiles may come through it than as they go
+    told: bool  # whether the last substep's impulses tell what contacts give under these loads
     fx: np.ndarray  # N
     fy: np.ndarray
     torque: np.ndarray  # N m
@@ -88,6 +97,16 @@ class Loads(NamedTuple):
     slow_spin: float
     early: np.ndarray  # int64[n + 1], how many tiles hit only after that, and which; and ...
     seen: np.ndarray  # float64[6 n], their x, y, angle, vx, vy and omega at the end (SI units)
+
+
+@inline
+def leave(z: Scratch, row: int, points: int) -> None:
+    """Put a row on the list of what impacts of this substep have left together, by these points, or
+    parted."""
+    if z.points[row] == 0:
+        z.left[z.size[3]] = row
+        z.size[3] += 1
+    z.points[row] |= points | LISTED
 
 
 @lane

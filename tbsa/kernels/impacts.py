@@ -24,16 +24,20 @@ from tbsa.kernels.arrays import set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.contacts import NEVER, NOTED, RESTS, SPARE, SWEPT, never_queue, place_row, weigh
 from tbsa.kernels.early import note_early
-from tbsa.kernels.gains import comes_off, draw, redraw, share
+from tbsa.kernels.gains import comes_off, draw, part_from, pushed, redraw, share
 from tbsa.kernels.geometry import CIRCLE, cos_sin
 from tbsa.kernels.hits import (
+    ALONG,
+    LISTED,
     NOWHERE,
     SAME,
+    SPLIT,
     TOUCHING,
     Loads,
     Scratch,
     approach,
     corner_speed,
+    leave,
     pair_speed,
 )
 from tbsa.kernels.jit import ZERO, U, inline, lane
@@ -44,7 +48,6 @@ from tbsa.kernels.routh import routh
 from tbsa.kernels.rows import (
     AN0,
     AN1,
-    AT,
     BASE,
     BEND0,
     BEND1,
@@ -52,7 +55,6 @@ from tbsa.kernels.rows import (
     BN0,
     BN1,
     BODIES,
-    BT,
     COLOURS,
     COUNT,
     GAP0,
@@ -99,8 +101,6 @@ AT_LEAST = 1000
 BARELY = 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
 OFTEN = 60
-# In ``points``: an impact of this substep has left a row together, if none that came after it.
-LISTED = 4
 
 
 @inline
@@ -179,6 +179,11 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     vx[b] += mb * im * px
     vy[b] += mb * im * py
     w[b] += turn_b
+    z.in_it[a] = z.in_it[b] = 1
+    for body_index in (a, b):
+        if v.mobile[body_index] != 0.0 and z.leans[body_index] == ALONG:
+            part_from(rows, k, v, z, body_index, part)
+    z.in_it[a] = z.in_it[b] = 0
     redraw(rows, k, loads, v, z, c, s, a, part)
     redraw(rows, k, loads, v, z, c, s, b, part)
     share(v, z, a, -part)
@@ -231,15 +236,6 @@ def leave_on_arc(rows: Rows, row: int, an: float, bn: float, bend: float, k: Num
         r[at + WANT0], r[at + BEND0] = max(r[at + WANT0], -r[at + VN0]), bend
     else:
         r[at + WANT1], r[at + BEND1] = max(r[at + WANT1], -r[at + VN1]), bend
-
-
-@inline
-def leave(z: Scratch, row: int, points: int) -> None:
-    """Put a row on the list of what impacts of this substep have left together, by these points."""
-    if z.points[row] == 0:
-        z.left[z.size[3]] = row
-        z.size[3] += 1
-    z.points[row] |= points | LISTED
 
 
 @lane
@@ -418,32 +414,6 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     r[at + PN0] = r[at + PN1] = r[at + PT] = r[at + BASE] = 0.0
 
 
-@lane
-def pushed(rows: Rows, q: int, i: int, k: Numbers, loads: Loads, v: Bodies) -> Any:
-    """How forces, and all its contacts but row q as in the last substep, speed body i up (m/s^2,
-    rad/s^2)."""
-    r, body, mobile = rows.field, rows.body, v.mobile[i]
-    if mobile == 0.0:
-        return 0.0, 0.0, 0.0
-    px, py, pw = 0.0, 0.0, 0.0  # N s, N m s
-    for p in range(rows.start[i], rows.start[i + 1]):
-        other = rows.of[p]
-        at, t = lane_of(other), U(other // WIDE) * BODIES + U(other % WIDE)
-        p0, p1, pt = r[at + WARM0], r[at + WARM1], r[at + WARMT]
-        if other == q or p0 + p1 == 0.0:
-            continue
-        of_a, pn = body[t] == i, p0 + p1
-        side = -1.0 if of_a else 1.0
-        px += side * (r[at + NX] * pn - r[at + NY] * pt)
-        py += side * (r[at + NY] * pn + r[at + NX] * pt)
-        pw += side * ((r[at + AN0] if of_a else r[at + BN0]) * p0
-                      + (r[at + AN1] if of_a else r[at + BN1]) * p1
-                      + (r[at + AT] if of_a else r[at + BT]) * pt)
-    h = loads.h
-    return (k.im * (loads.fx[i] + px / h), k.im * (loads.fy[i] + py / h),
-            k.ii * (loads.torque[i] + pw / h))
-
-
 @inline
 def opened(rows: Rows, q: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, time: float) -> Any:
     """By how much (m) the points of row q are further apart at the time of an impact (s), as its
@@ -469,8 +439,8 @@ def opened(rows: Rows, q: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, 
     second = r[at + WARM1] > 0.0 and r[at + VN1] <= leaves and gap1 <= most
     if not (first or second):
         return 0.0, 0.0
-    ax, ay, aw = pushed(rows, q, a, k, loads, v)
-    bx, by, bw = pushed(rows, q, b, k, loads, v)
+    ax, ay, aw = pushed(rows, q, a, k, loads, v, z)
+    bx, by, bw = pushed(rows, q, b, k, loads, v, z)
     press = r[at + NX] * (ax - bx) + r[at + NY] * (ay - by)
     first = first and press + r[at + AN0] * aw - r[at + BN0] * bw > 2.0 * r[at + BEND0]
     second = second and press + r[at + AN1] * aw - r[at + BN1] * bw > 2.0 * r[at + BEND1]
@@ -789,7 +759,7 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         if stay != 0 and (k.h * spin > SWEPT or clears(
                 rows, q, k, v, x, y, c, s, k.h * v.w[a], k.h * v.w[b], k.h, NOWHERE * k.width)):
             stay = 0
-        z.points[q] &= stay | back | LISTED
+        z.points[q] &= stay | back | LISTED | SPLIT
 
 
 @inline
@@ -890,6 +860,9 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 r[at + BEND0] = r[at + BEND1] = r[at + WANTT] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
+    for j in range(z.size[1]):
+        if z.leans[z.tiles[j]] == ALONG:
+            part_from(rows, k, v, z, z.tiles[j], z.part[z.tiles[j]])
     for j in range(z.size[1]):  # and back
         i, time = z.tiles[j], z.when[z.tiles[j]]
         redraw(rows, k, loads, v, z, c, s, i, z.part[i])
