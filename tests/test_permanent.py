@@ -164,7 +164,8 @@ def test_equal_cuboids_push_as_ones_that_hardly_differ(size, axis):
         force, abs=1e-7 * np.linalg.norm(force))
 
 
-@given(lengths, lengths, st.floats(0.0, 3.0))
+# Faces closer than 1e-12 of the size count as touching in one of the two.
+@given(lengths, lengths, st.just(0.0) | st.floats(1e-9, 3.0))
 @settings(deadline=None, max_examples=100)
 def test_equal_cuboids_on_one_axis_are_the_same_by_both_ways(side, height, gap):
     z = height + gap * np.array([[0.0, 0.5, 1.0]]) * (side + height)
