@@ -146,6 +146,7 @@ def charged_faces(z, side, height, polarisation):
     return -total * (polarisation * side**2) ** 2 / (4 * np.pi * mu_0)
 
 
+@pytest.mark.slow
 def test_fits_of_small_cuboids_are_those_of_forces_without_rounding():
     """Of magnets of 1 mm at up to 6 cm the force is rounded to 5e-6 of it."""
     model = models("gap")["cuboid"]
@@ -475,6 +476,7 @@ def test_one_precise_point_does_not_keep_the_law_from_its_least_chi2(where, rati
     assert not any("limit" in doubt for doubt in doubts(found, {}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precise", PRECISE)
 def test_one_precise_point_does_not_keep_cylinders_from_their_least_chi2(precise):
     """However precise it is: the curve goes through it, and the others say where else."""
