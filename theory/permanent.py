@@ -158,8 +158,8 @@ def coaxial_cuboids(distance: ArrayLike, side: float, height: float,
     -------
     ndarray
         Of the shape of `distance`.  To some 1e-10 of the force for heights of a tenth of the side
-        to ten sides, and to 1e-6 for a thousandth and a hundred: near magnets are sums that cancel.
-        Far ones, whose sums would have no digit left, are multipoles.
+        to ten sides, and to some 1e-6 for a thousandth and a hundred: near magnets are sums that
+        cancel.  Far ones, whose sums would have no digit left, are multipoles.
 
     Raises
     ------

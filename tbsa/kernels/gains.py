@@ -318,13 +318,15 @@ def part_from(rows: Rows, k: Numbers, v: Bodies, z: Scratch, i: int, part: float
         q = rows.of[p]
         at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
         a, b = U(body[t]), U(body[t + LANES])
+        both = ((v.mobile[a] == 0.0 or z.leans[a] == ALONG)  # taken from one alone it would
+                and (v.mobile[b] == 0.0 or z.leans[b] == ALONG))  # change the momentum
         bore = r[at + K00] * r[at + WARM0] + r[at + K11] * r[at + WARM1]
-        if (bore == 0.0 or z.points[q] & SPLIT != 0
+        if (not both or bore == 0.0 or z.points[q] & SPLIT != 0
                 or stays_on(r, at, v, a, b, bore + OFF * pair_speed(k, v, a, b))):
             continue  # what leaves slower is back in this substep
         leave(z, q, SPLIT)
         for tile in (a, b):
-            if v.mobile[tile] == 0.0 or z.leans[tile] != ALONG:
+            if v.mobile[tile] == 0.0:
                 continue
             px, py, pw = given(r, at, tile == a)
             gx, gy, gw = k.im * px, k.im * py, k.ii * pw
