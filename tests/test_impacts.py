@@ -1434,6 +1434,26 @@ def test_a_flat_hit_across_a_joint_is_one_on_a_smooth_wall(offset):
     assert s.omega[0] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("offset", [-1.2e-3, -4e-4, -1e-9, 1e-9, 4e-4, 1.2e-3])
+@pytest.mark.parametrize("friction", [0.0, 0.25])
+@pytest.mark.parametrize("angle", [0.3, 0.6, math.pi / 4, 1.0, 1.3])
+def test_a_corner_that_comes_down_on_a_joint_hits_a_smooth_wall(angle, friction, offset):
+    """Nearer to the joint than corners are blunt: it sank in between the two tiles, and hit one of
+    their corners with its own face."""
+    row = [tile(k * WIDTH, held=True) for k in range(3)]
+
+    def run(place):
+        s = simulate([tile(place * WIDTH + math.cos(angle + math.pi / 4) * WIDTH / math.sqrt(2.0),
+                           2.0 * WIDTH, angle - math.pi / 2, vy=-0.3), *row],
+                     body=material(friction=friction, restitution=0.5), substeps=4)
+        s.run(0.2)
+        return np.array([s.vx[0], s.vy[0], WIDTH * s.omega[0]])
+
+    off = np.abs(run(0.5 + offset) - run(0.8))
+    assert off.max() < 0.012
+    assert friction > 0.0 or off[0] < 1e-9
+
+
 @pytest.mark.parametrize("substeps", [2, 4])
 @pytest.mark.parametrize("e", [0.9, 1.0])
 def test_what_turns_as_it_is_hit_stays_with_what_it_touches(e, substeps):

@@ -23,6 +23,8 @@ CIRCLE, RECTANGLE = 1, 2
 # touch: an exact corner would catch on every joint between the tiles of a straight wall.  More than
 # what overlap is left alone (`projection.SLOP`): what is pressed on such a wall lies that deep.
 BLUNT = 1.5e-3
+# A corner at the end of a face is over it up to this (widths): where two meet, over one at least.
+ROUNDED = 1e-12
 
 
 @lane
@@ -78,11 +80,15 @@ def square_square(dx: float, dy: float, ca: float, sa: float, cb: float, sb: flo
     # Seen from b, the lower end is a's upper one.
     pair = 8.0 * (face if of_a else facing) + 2.0 * (facing if of_a else face)
     id0, id1 = pair + (0.0 if of_a else 1.0), pair + (1.0 if of_a else 0.0)
-    far0, far1 = gap0 > margin, gap1 > margin
+    # What is as short as corners are blunt is one point; the edge may end there, or go on beyond.
+    length, short = y1 - y0, y1 - y0 < BLUNT * width
+    far0 = (gap0 > margin) | (short & (gap1 < gap0))
+    far1 = (gap1 > margin) | (short & (gap0 < gap1))
     count = 1.0 if far0 | far1 else 2.0
-    apart = (max(on_a, on_b) > margin) | (y1 - y0 < BLUNT * width) | (far0 & far1)
+    miss = max(BLUNT * width - (reach - abs(y)), -length)
+    apart = (max(on_a, on_b) > margin) | (miss > ROUNDED * width) | (far0 & far1)
     count = 0.0 if apart else count
-    miss = BLUNT * width - (y1 - y0) if max(on_a, on_b) <= margin else 0.0
+    miss = miss if max(on_a, on_b) <= margin else 0.0
     y0, gap0, id0 = (y1 if far0 else y0), (gap1 if far0 else gap0), (id1 if far0 else id0)
     gap1 = gap0 if far1 else gap1
     depth = half + 0.5 * min(gap0, gap1)  # midway between the face and the point that bears
