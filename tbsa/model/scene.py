@@ -22,9 +22,9 @@ import stat
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, NoReturn, get_args, get_origin, get_type_hints
+from typing import Any, NoReturn, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -231,6 +231,7 @@ SETS: dict[str, tuple[TileType, ...]] = {
 # Rules.  A rule says what is wrong with a value, or "" when nothing is.
 
 Rule = Callable[[Any], str]
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _number(
@@ -407,6 +408,12 @@ KINDS: dict[type, tuple[str, dict[str, tuple[str, ...]]]] = {
 """Of each part that comes in kinds: the field that tells the kind, and the fields of each."""
 
 
+def _once(function: F) -> F:
+    """Once for the same arguments: a plan has many scenes, of the same classes."""
+    return cast(F, cache(function))
+
+
+@_once
 def _fields_of(cls: type, kind: Any = None) -> tuple[str, ...]:
     """The fields of a part, of the given kind if it comes in kinds."""
     names = tuple(f.name for f in fields(cls))
@@ -460,9 +467,12 @@ def check_is_scene(scene: object) -> None:
                         "from a file")
 
 
+_hints = _once(get_type_hints)
+
+
 def _check_structure(scene: Scene, path: str, part: Any) -> None:
     """The parts of a scene built in Python are of their annotated types; values have rules."""
-    for name, kind in get_type_hints(type(part)).items():
+    for name, kind in _hints(type(part)).items():
         value = getattr(part, name)
         _check_type(scene, path + name, value, kind)
         if is_dataclass(value) and type(value) not in RULES:
@@ -938,8 +948,8 @@ def entries(part: Any) -> dict[str, str]:
     cls = type(part)
     kind = getattr(part, KINDS[cls][0]) if cls in KINDS else None
     own = _fields_of(cls, kind)
-    return {f.name: _toml(_coerce(f.type, getattr(part, f.name)))
-            for f in fields(cls) if f.name in own}
+    return {f.name: _toml(_coerce(f.type, value) if "float" in str(f.type) else value)
+            for f in fields(cls) if f.name in own for value in [getattr(part, f.name)]}
 
 
 def canonical(scene: Scene) -> bytes:
@@ -976,8 +986,13 @@ def fingerprint(scene: Scene) -> str:
     return hashlib.sha256(canonical(bare) + b"\0" + module).hexdigest()
 
 
+_quoted = json.JSONEncoder(ensure_ascii=False).encode
+
+
 def _toml(value: Any) -> str:
     """A value as TOML; `repr` of a float is the shortest text that reads back to its last bit."""
+    if type(value) is int:  # first what a seed has most of
+        return repr(value)
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
@@ -985,7 +1000,7 @@ def _toml(value: Any) -> str:
     if isinstance(value, float):
         return repr(float(value))
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return _quoted(value).replace("\x7f", "\\u007f")
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_toml(k)} = {_toml(v)}" for k, v in value.items()) + "}"
     return "[" + ", ".join(map(_toml, value)) + "]"
