@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -11,12 +12,18 @@ import tbsa
 from tbsa.work.plan import read_plan
 
 
+@cache
+def planned(path, _content):
+    """The runs of a campaign's file; many tests make tables of the same ones."""
+    return read_plan(path)
+
+
 def tables(path, folder, metrics, version=None, **columns):
     """Write table.csv, curves.csv and wall.csv of a campaign's file; returns the table.
 
     `metrics` gives of a planned run its curves, {column: values} with `time`, or None: not done.
     """
-    plan = read_plan(path)
+    plan = planned(path, path.read_bytes())
     rows, curves, walls = [], [], []
     for each in plan:
         found = metrics(each)
@@ -28,14 +35,13 @@ def tables(path, folder, metrics, version=None, **columns):
                "version": version or tbsa.__version__,
                "status": "waiting" if found is None else "done", "message": None, **columns}
         if found is not None:
-            frame = pd.DataFrame(found)
+            curve = {name: np.asarray(values) for name, values in found.items()}
+            size = curve["size"].astype(float)
             for name in ("errors", "holes"):
-                size = np.asarray(frame["size"], dtype=float)
-                frame[f"{name}_percent"] = np.where(
-                    size > 0, 100 * frame[name] / np.maximum(size, 1), np.nan)
-            row |= frame.iloc[-1].to_dict()
-            frame.insert(0, "run", each.name)
-            curves.append(frame)
+                curve[f"{name}_percent"] = np.where(
+                    size > 0, 100 * curve[name] / np.maximum(size, 1), np.nan)
+            row |= {name: float(values[-1]) for name, values in curve.items()}
+            curves.append({"run": np.full(len(size), each.name, dtype=object)} | curve)
             walls.append({"run": each.name, "wall": 10.0, "time": each.scene.run.duration})
         rows.append(row)
     fields = list(dict.fromkeys(name for each in plan for name, _ in each.fields))
@@ -43,8 +49,8 @@ def tables(path, folder, metrics, version=None, **columns):
     table = pd.DataFrame(rows, columns=[*names[:3], *fields, *names[3:]])
     folder.mkdir(parents=True, exist_ok=True)
     table.to_csv(folder / "table.csv", index=False)
-    pd.concat(curves or [pd.DataFrame(columns=["run", "time"])]).to_csv(
-        folder / "curves.csv", index=False)
+    pd.DataFrame({name: np.concatenate([each[name] for each in curves]) for name in curves[0]}
+                 if curves else {"run": [], "time": []}).to_csv(folder / "curves.csv", index=False)
     pd.DataFrame(walls, columns=["run", "wall", "time"]).to_csv(folder / "wall.csv", index=False)
     return table
 
