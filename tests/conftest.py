@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from pathlib import Path
 
 import pytest
+
+# What a test starts in a folder of its own has the package, and its kernels, that the tests have.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 # Of two processes one compiles the kernels while the other does what needs none.
 FIRST = ("test_impacts.py", "test_fit.py")
