@@ -80,7 +80,8 @@ def _imported(node: ast.AST) -> set[str]:
         return {each.name for each in node.names}
     if isinstance(node, ast.ImportFrom):
         return {f"{node.module}", *(f"{node.module}.{each.name}" for each in node.names)}
-    return set().union(*map(_imported, ast.iter_child_nodes(node)))
+    return set().union(*(_imported(child) for child in ast.iter_child_nodes(node)
+                         if not isinstance(child, ast.expr)))
 
 
 def below(graph: Imports) -> dict[str, set[str]]:
@@ -182,33 +183,8 @@ def _draw(ax: Axes, rows: Sequence[Row], graph: Imports) -> None:
                 if bend not in rows[k].names:
                     rows[k].names.append(bend)
             lines.append([name, *bends, other])
-    pieces = sorted({piece for line in lines for piece in pairwise(line)})
-    joined: dict[str, list[str]] = {}
-    for a, b in pieces:
-        joined.setdefault(a, []).append(b)
-        joined.setdefault(b, []).append(a)
-    level = {name: k for k, row in enumerate(rows) for name in row.names}
-    between = [[piece for piece in pieces if level[piece[0]] == k] for k in range(len(rows))]
-    filled = [row for row in rows if row.names]
-    best: dict[str, float] = {}
-    least, random = (np.inf, np.inf), np.random.default_rng(3)
-    for _ in range(STARTS):
-        x: dict[str, float] = {}
-        for row in filled:
-            places = np.linspace(row.left, row.right, len(row.names) + 2)[1:-1]
-            x |= zip(random.permutation(row.names).tolist(), places.tolist(), strict=True)
-        for sweep in range(SWEEPS):
-            for row in filled[::1 if sweep % 2 else -1]:
-                wish = {name: float(np.mean([x[other] for other in joined.get(name, [name])]))
-                        for name in row.names}
-                order = sorted(row.names, key=lambda name: (wish[name], name))
-                x |= zip(order, _apart([wish[n] for n in order], [_width(n) for n in order],
-                                       row.left, row.right), strict=True)
-            cost = (sum(_crossings(x, each) for each in between),
-                    sum(abs(x[a] - x[b]) for a, b in pieces))
-            if cost < least:
-                best, least = dict(x), cost
-    x = best
+    x = _places(tuple((tuple(row.names), row.left, row.right) for row in rows),
+                tuple(sorted({piece for line in lines for piece in pairwise(line)})))
     place = {name: (x[name], row.y) for row in rows for name in row.names}
     for line in lines:  # straight down past a row, across between rows
         ends = [(px, py + side * 0.5 * HIGH) for px, py in (place[name] for name in line)
@@ -222,6 +198,38 @@ def _draw(ax: Axes, rows: Sequence[Row], graph: Imports) -> None:
                 colour, HEAD_SIZE, 2.5)
     for name in row_of:
         _chip(ax, name, *place[name])
+
+
+@cache
+def _places(rows: Sequence[tuple[Sequence[str], float, float]],
+            pieces: Sequence[tuple[str, str]]) -> dict[str, float]:
+    """Where in its row (names, left, right) everything is, so that the fewest pieces cross."""
+    joined: dict[str, list[str]] = {}
+    for a, b in pieces:
+        joined.setdefault(a, []).append(b)
+        joined.setdefault(b, []).append(a)
+    level = {name: k for k, (names, _, _) in enumerate(rows) for name in names}
+    between = [[piece for piece in pieces if level[piece[0]] == k] for k in range(len(rows))]
+    filled = [row for row in rows if row[0]]
+    best: dict[str, float] = {}
+    least, random = (np.inf, np.inf), np.random.default_rng(3)
+    for _ in range(STARTS):
+        x: dict[str, float] = {}
+        for names, left, right in filled:
+            places = np.linspace(left, right, len(names) + 2)[1:-1]
+            x |= zip(random.permutation(names).tolist(), places.tolist(), strict=True)
+        for sweep in range(SWEEPS):
+            for names, left, right in filled[::1 if sweep % 2 else -1]:
+                wish = {name: sum(x[other] for other in beside) / len(beside)
+                        for name in names for beside in [joined.get(name, [name])]}
+                order = sorted(names, key=lambda name: (wish[name], name))
+                x |= zip(order, _apart([wish[n] for n in order], [_width(n) for n in order],
+                                       left, right), strict=True)
+            cost = (sum(_crossings(x, each) for each in between),
+                    sum(abs(x[a] - x[b]) for a, b in pieces))
+            if cost < least:
+                best, least = dict(x), cost
+    return best
 
 
 def _crossings(x: Mapping[str, float], pieces: Sequence[tuple[str, str]]) -> int:
