@@ -815,7 +815,7 @@ def test_merit_works_with_some_of_the_runs_and_says_what_is_missing(tmp_path, ca
         assert f"{drive} 0.01 h (50 %; half of its runs took less than 0.2 min)" in text
 
 
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("unbuffered", ["", pytest.param("1", marks=pytest.mark.slow)])
 def test_who_reads_a_report_may_stop_before_its_end(tmp_path, monkeypatch, unbuffered):
     """As head does, without a traceback, nor a word of Python's at its exit."""
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)

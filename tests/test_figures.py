@@ -23,6 +23,7 @@ from matplotlib.transforms import Bbox
 from test_campaign import SCENE, SHAKING
 
 import tbsa
+from figures import __main__ as command
 from figures import (
     _shapes,
     architecture,
@@ -136,7 +137,10 @@ def test_sources_are_read_whatever_the_encoding_of_the_system(monkeypatch):
         architecture.make()
 
 
-def test_what_is_missing_is_said_and_the_rest_is_made(there, capsys, monkeypatch):
+@pytest.mark.parametrize("scripts", [["growth", "maps", "tile_set"],
+                                     pytest.param(SCRIPTS, marks=pytest.mark.slow)])
+def test_what_is_missing_is_said_and_the_rest_is_made(there, capsys, monkeypatch, scripts):
+    monkeypatch.setattr(command, "SCRIPTS", scripts)
     monkeypatch.setattr(growth, "DATA", (style.OUTPUT / "nowhere" / "table.csv",))
     monkeypatch.setattr(margin, "RECORDS", 2)  # of all it takes minutes
     assert main([]) == 0

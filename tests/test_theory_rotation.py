@@ -480,7 +480,8 @@ def test_where_standing_still_would_do_as_well_all_is_unexplained(there):
 
 
 @pytest.mark.parametrize(("torque", "path", "heading", "along"), [
-    (3e-5, 0.753, 0.028, 0.577), (1e-4, 0.712, 0.015, 0.479), (3e-4, 0.735, 0.010, 0.357)])
+    pytest.param(3e-5, 0.753, 0.028, 0.577, marks=pytest.mark.slow), (1e-4, 0.712, 0.015, 0.479),
+    pytest.param(3e-4, 0.735, 0.010, 0.357, marks=pytest.mark.slow)])
 def test_the_coupled_floor_makes_a_tile_turn_as_a_unicycle_and_not_go_as_one(
         torque, path, heading, along):
     times = np.linspace(0.0, 20.0, 401)
@@ -500,7 +501,8 @@ def test_a_tile_without_a_drive_stays(none):
     assert not unicycle.coupled_tile([0.0, 1.0, 2.0], **(TILE | none)).any()
 
 
-@pytest.mark.parametrize("times", [[7.0], [5.0], [0.0, 10.0, 20.0]])
+@pytest.mark.parametrize("times", [[7.0], pytest.param([5.0], marks=pytest.mark.slow),
+                                   pytest.param([0.0, 10.0, 20.0], marks=pytest.mark.slow)])
 def test_times_at_which_the_tile_rests_may_be_all_that_is_asked(times):
     """No time is in the slides that end at 4.6 and 9.6 s and so on."""
     slow = TILE | {"frequency": 0.1}
