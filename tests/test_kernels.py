@@ -51,7 +51,6 @@ from tbsa.kernels.jit import kernel
 from tbsa.kernels.neighbours import build_pairs, empty_pairs, near_place
 from tbsa.kernels.queue import empty_queue, put, take
 from tbsa.kernels.rows import (
-    ALONE,
     BLOCK,
     BODIES,
     COUNT,
@@ -60,6 +59,7 @@ from tbsa.kernels.rows import (
     ID0,
     IDLE,
     LANES,
+    LONE_ROWS,
     MA,
     MB,
     NEAR_COLOURS,
@@ -261,7 +261,7 @@ def test_rows_that_are_added_within_a_step_are_those_that_a_new_search_finds(wal
     assert m == len(before)
     assert found == sorted(after)
     assert rows.size[0] == m + added
-    assert np.diff(rows.first)[ALONE] == added
+    assert np.diff(rows.first)[LONE_ROWS] == added
     of = {i: [] for i in range(n)}
     for (a, b, corner), slot in zip(found, rows.slot.tolist(), strict=False):
         block, lane = divmod(slot, int(BLOCK))
@@ -361,7 +361,7 @@ def test_rows_that_do_not_fit_are_not_added():
     assert find_then_add(rows, pairs, numbers(n), x, y, zero, c, s, np.ones(n + 1), marked, zero,
                          zero, zero + 0.2, zero + 0.2, 0.2, ALONE_CREW) == (0, -1)
     assert rows.size[0] == 0
-    assert np.diff(rows.first)[ALONE] == 0
+    assert np.diff(rows.first)[LONE_ROWS] == 0
 
 
 def test_a_tile_that_may_touch_more_others_than_there_are_colours_is_carried_by_what_it_touches():

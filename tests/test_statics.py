@@ -561,26 +561,29 @@ def test_a_simulated_block_begins_to_move_at_the_critical_load(name, angle):
 
 
 def test_a_load_that_turns_moves_a_block_less_where_tiles_at_rest_have_less_of_the_tolerance():
-    """Nine tiles under nine tenths of what detaches them, turning once in three seconds.
+    """Nine tiles under nine tenths of what detaches them, turning once in two to three seconds.
 
     At the tolerance of the paper's scenes a solve is one pass, and impulses of contacts come after
-    their load, so that the block leaves its seed a little; solved well it stays.
+    their load, so that the block leaves its seed a little; solved well it stays.  How far is
+    as chance has it, from load to load, so that it is the mean of six that counts.
     """
+    loads = ((0.067, 0.33), (0.067, 0.3), (0.067, 0.36), (0.067, 0.5), (0.066, 0.33), (0.068, 0.33))
+
     def way(tolerance, **solver):
-        s = Simulation(replace(
-            scene(block(3), Drive("shaking", 0.067, 0.0, 0.33), Magnet(), MU, Floor()),
-            solver=Solver(1 / 120, 12, tolerance, 40, **solver)))
-        moved = 0.0
-        for _ in range(12):
-            s.run(0.5)
-            moved = max(moved, np.hypot(s.x - s.layout.x, s.y - s.layout.y).max())
+        moved = np.zeros(len(loads))
+        for i, (force, frequency) in enumerate(loads):
+            s = Simulation(replace(
+                scene(block(3), Drive("shaking", force, 0.0, frequency), Magnet(), MU, Floor()),
+                solver=Solver(1 / 120, 12, tolerance, 40, **solver)))
+            for _ in range(12):
+                s.run(0.5)
+                moved[i] = max(moved[i], np.hypot(s.x - s.layout.x, s.y - s.layout.y).max())
         return moved / s.numbers.width
 
-    less = way(2e-2, at_rest=0.025)
-    assert way(1e-5) < 1e-3
-    assert less < 0.005
-    assert 2.0 * less < way(5e-3) < 0.01
-    assert way(2e-2) > 2.0 * less
+    less, middle, loose = way(2e-2, at_rest=0.025), way(5e-3), way(2e-2)
+    assert way(1e-5).max() < 1e-3
+    assert less.max() < 0.005
+    assert 2.0 * less.mean() < middle.mean() < loose.mean() < 0.015
 
 
 def test_a_simulated_block_with_all_pairs_begins_to_move_at_its_own_critical_load():

@@ -330,7 +330,7 @@ def hardly_moves(k: Numbers, v: Bodies) -> bool:
 
 
 @lane
-def settle(k: Numbers, state: State, v: Bodies, place: Bodies) -> None:
+def bring_to_rest(k: Numbers, state: State, v: Bodies, place: Bodies) -> None:
     """Take away what is left of velocities, which is rounding, and note where the tiles are."""
     set_all(v.vx, k.n + 1, 0.0)
     set_all(v.vy, k.n + 1, 0.0)
@@ -494,7 +494,7 @@ def go_on(state: State, tiles: Tiles, k: Numbers, magnets: MagnetLaw, floor: Flo
         # A step depends on the state alone: one that leaves it as it is need not be done again.
         rests = not fresh and hardly_moves(k, v)
         if rests:
-            settle(k, state, v, work.shift)
+            bring_to_rest(k, state, v, work.shift)
             keep_impulses(k, rows, state, work.crew)
             counted = so_far(rows, counts)
         before = (promised, last[0], last[2])

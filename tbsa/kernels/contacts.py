@@ -79,6 +79,7 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    bodies_of,
     lane_of,
     wall_code,
 )
@@ -329,7 +330,7 @@ def place_row(rows: Rows, row: int, k: Numbers, gain: float, x: np.ndarray, y: n
               c: np.ndarray, s: np.ndarray, v: Bodies) -> None:
     """Where one row touches now."""
     r, body = rows.field, rows.body
-    at, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+    at, t = lane_of(row), bodies_of(row)
     wall = body[t + LANES] == k.n
     if wall and k.wall == CIRCLE:
         place_corner(r, at, U(body[t]), k, gain, x, y, c, s, v)

@@ -16,7 +16,7 @@ from tbsa.kernels.arrays import set_all
 from tbsa.kernels.bodies import Bodies, Numbers
 from tbsa.kernels.hits import Loads
 from tbsa.kernels.jit import ZERO, U, apart, inline
-from tbsa.kernels.rows import BODIES, LANES, PN0, PN1, PT, WIDE, Rows, lane_of
+from tbsa.kernels.rows import LANES, PN0, PN1, PT, Rows, bodies_of, lane_of
 from tbsa.kernels.state import State
 
 
@@ -70,7 +70,7 @@ def spread_early(rows: Rows, k: Numbers, loads: Loads, v: Bodies, u: Bodies, x: 
     while j < early[0]:
         j += 1
         for p in range(rows.start[early[j]], rows.start[early[j] + 1]):
-            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+            at, t = lane_of(rows.of[p]), bodies_of(rows.of[p])
             if r[at + PN0] != 0.0 or r[at + PN1] != 0.0 or r[at + PT] != 0.0:
                 note_before(loads, v, x, y, angle, body[t])
                 note_before(loads, v, x, y, angle, body[t + LANES])

@@ -41,7 +41,6 @@ from tbsa.kernels.rows import (
     BEND1,
     BN0,
     BN1,
-    BODIES,
     BT,
     COUNT,
     GAP0,
@@ -59,8 +58,8 @@ from tbsa.kernels.rows import (
     WARM0,
     WARM1,
     WARMT,
-    WIDE,
     Rows,
+    bodies_of,
     lane_of,
 )
 from tbsa.kernels.sweeps import solve_row
@@ -91,7 +90,7 @@ def lies_on(rows: Rows, k: Numbers, v: Bodies, tile: int, slow: float, part: flo
     against a wall or a held one."""
     r, body, mobile, held = rows.field, rows.body, v.mobile, False
     for p in range(rows.start[tile], rows.start[tile + 1]):
-        at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+        at, t = lane_of(rows.of[p]), bodies_of(rows.of[p])
         a, b = U(body[t]), U(body[t + LANES])
         if r[at + WARM0] + r[at + WARM1] == 0.0:
             continue
@@ -130,7 +129,7 @@ def bear(rows: Rows, k: Numbers, v: Bodies, i: int, vx: float, vy: float, w: flo
     for number in range(k.passes):
         most = 0.0
         for p in range(rows.start[i], rows.start[i + 1]):
-            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+            at, t = lane_of(rows.of[p]), bodies_of(rows.of[p])
             of_a = body[t] == i
             side = -1.0 if of_a else 1.0
             along = side * (r[at + NX] * vx + r[at + NY] * vy)
@@ -198,7 +197,7 @@ def pushed(rows: Rows, q: int, i: int, k: Numbers, loads: Loads, v: Bodies, z: S
         return 0.0, 0.0, 0.0
     for p in range(rows.start[i], rows.start[i + 1]):
         other = rows.of[p]
-        at, t = lane_of(other), U(other // WIDE) * BODIES + U(other % WIDE)
+        at, t = lane_of(other), bodies_of(other)
         if (other == q or r[at + WARM0] + r[at + WARM1] == 0.0
                 or z.points[other] & SPLIT != 0):
             continue
@@ -269,7 +268,7 @@ def draw_along(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, c: n
         v.vx[i], v.vy[i], v.w[i] = vx + z.alongx[i], vy + z.alongy[i], w + z.alongw[i]
         brake(k, loads, v, z, c, s, i, vx, vy, w)
         for p in range(rows.start[i], rows.start[i + 1]):
-            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+            at, t = lane_of(rows.of[p]), bodies_of(rows.of[p])
             other = body[t + LANES] if body[t] == i else body[t]
             if (v.mobile[other] != 0.0 and z.drawn[other] == 0
                     and r[at + WARM0] + r[at + WARM1] > 0.0):
@@ -291,7 +290,7 @@ def stay_close(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, firs
     for j in range(first, z.size[2]):
         i = z.pulled[j]
         for p in range(rows.start[i], rows.start[i + 1]):
-            at, t = lane_of(rows.of[p]), U(rows.of[p] // WIDE) * BODIES + U(rows.of[p] % WIDE)
+            at, t = lane_of(rows.of[p]), bodies_of(rows.of[p])
             a, b = U(body[t]), U(body[t + LANES])
             if a != i or v.mobile[b] == 0.0:
                 continue
@@ -316,7 +315,7 @@ def part_from(rows: Rows, k: Numbers, v: Bodies, z: Scratch, i: int, part: float
     r, body = rows.field, rows.body
     for p in range(rows.start[i], rows.start[i + 1]):
         q = rows.of[p]
-        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        at, t = lane_of(q), bodies_of(q)
         a, b = U(body[t]), U(body[t + LANES])
         both = ((v.mobile[a] == 0.0 or z.leans[a] == ALONG)  # taken from one alone it would
                 and (v.mobile[b] == 0.0 or z.leans[b] == ALONG))  # change the momentum

@@ -87,6 +87,7 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    bodies_of,
     lane_of,
     root,
 )
@@ -143,7 +144,7 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
     slower, and `is_back` before the end, does not bounce.
     """
     r, body = rows.field, rows.body
-    i, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+    i, t = lane_of(row), bodies_of(row)
     a, b = body[t], body[t + LANES]
     time, nx, ny, an, bn, at, bt, of_a = meet
     vx, vy, w, im, ii = v.vx, v.vy, v.w, k.im, k.ii
@@ -308,7 +309,7 @@ def take_up(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
     r, body, slow, near = rows.field, rows.body, k.threshold + k.tolerance, TOUCHING * k.width
     for j in range(z.size[4]):
         q = z.thrown[j]
-        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        at, t = lane_of(q), bodies_of(q)
         vn0, vn1 = approach(r, at, v, U(body[t]), U(body[t + LANES]))
         if (r[at + COUNT] != 0.0 and r[at + ID0] == z.was0[q] and r[at + GAP0] < near
                 and vn0 <= slow):
@@ -331,7 +332,7 @@ def look_again(rows: Rows, row: int, k: Numbers, threshold: float, loads: Loads,
 
     A pressed point that it throws on, faster than a solve leaves it, hits like any other.
     """
-    r, at, t = rows.field, lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+    r, at, t = rows.field, lane_of(row), bodies_of(row)
     slow = comes_off(k, threshold, pair_speed(k, v, U(rows.body[t]), U(rows.body[t + LANES])))
     for _ in range(2):  # again without what has been let go
         place_again(rows, row, k, threshold, loads.gain, v, x, y, c, s)
@@ -370,7 +371,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
     Its tiles fly on to where they then are, unless neither comes anywhere by then.
     """
     r, body, mobile, time = rows.field, rows.body, v.mobile, z.time[q]
-    at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+    at, t = lane_of(q), bodies_of(q)
     z.rows[z.size[0]] = q
     z.size[0] += 1
     moved, flies = False, time * max(corner_speed(k, v, body[t]), corner_speed(
@@ -422,7 +423,7 @@ def opened(rows: Rows, q: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch, 
 
     If nothing has hit their tiles in this substep, and these do not turn fast.
     """
-    r, body, t = rows.field, rows.body, U(q // WIDE) * BODIES + U(q % WIDE)
+    r, body, t = rows.field, rows.body, bodies_of(q)
     at, turn, hit, most = lane_of(q), 0.0, False, BARELY * k.width
     if r[at + WARM0] + r[at + WARM1] == 0.0:
         return 0.0, 0.0
@@ -490,7 +491,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
             change = solve_row(rows, q, k.per_mass, v)
             if p == 0:
                 change = max(change, r[lane_of(q) + BASE] * r[lane_of(q) + K00])
-            t = U(q // WIDE) * BODIES + U(q % WIDE)
+            t = bodies_of(q)
             fastest = max(pace[body[t]], pace[body[t + LANES]])
             rough = left_of(k, fastest)
             if change <= min(rough, FINE * max(fastest, k.tolerance)):
@@ -541,7 +542,7 @@ def limit_energy(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> None:
         island[z.tiles[j]] = z.tiles[j]
     for j in range(z.size[0]):
         q = z.rows[j]
-        i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        i, t = lane_of(q), bodies_of(q)
         a, b = body[t], body[t + LANES]
         if mobile[a] * mobile[b] != 0.0 and (r[i + PN0] != 0.0 or r[i + PN1] != 0.0
                                              or r[i + PT] != 0.0 or r[i + BASE] != 0.0):
@@ -620,7 +621,7 @@ def company(rows: Rows, tile: int, row: int, k: Numbers, loads: Loads, v: Bodies
 def beside(rows: Rows, row: int, k: Numbers, mobile: np.ndarray, z: Scratch) -> bool:
     """Whether a tile of a row that may hit does so with another row at the same time: what comes to
     lie across the joint of two tiles hits one of these with next to no width."""
-    t = U(row // WIDE) * BODIES + U(row % WIDE)
+    t = bodies_of(row)
     for tile in (rows.body[t], rows.body[t + LANES]):
         if mobile[tile] == 0.0:
             continue
@@ -694,7 +695,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
             size = ZERO
             continue
         row = take(queue)
-        at, t = lane_of(row), U(row // WIDE) * BODIES + U(row % WIDE)
+        at, t = lane_of(row), bodies_of(row)
         a, b, hit = body[t], body[t + LANES], r[at + HIT]
         if hit == 0.0:  # no longer, after another impact
             continue
@@ -749,7 +750,7 @@ def leave_together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
         q = z.rows[j]
         if z.points[q] & 3 == 0:
             continue
-        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        at, t = lane_of(q), bodies_of(q)
         a, b = U(body[t]), U(body[t + LANES])
         vn0, vn1 = approach(r, at, v, a, b)
         e, spin, left = r[at + E], abs(v.w[a]) + abs(v.w[b]), z.time[q] - k.h
@@ -786,7 +787,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     z.size[0] = z.size[1] = 0
     for j in range(size):
         q = rows.now[j]
-        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        at, t = lane_of(q), bodies_of(q)
         pace = max(-r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
         enter(rows, q, k, v, z, x, y, angle, c, s, loads, begun)
         z.known[q] = 2
@@ -806,7 +807,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     size = ZERO
     for j in range(z.size[0]):
         q = z.rows[j]
-        at, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+        at, t = lane_of(q), bodies_of(q)
         e, p0, p1 = r[at + E], r[at + PN0], r[at + PN1]
         if p0 + p1 > 0.0:
             leave(z, q, (1 if p0 > 0.0 else 0) + (2 if p1 > 0.0 else 0))
@@ -880,7 +881,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         every = z.when[i] > 0.0 or k.h * corner_speed(k, v, i) > far
         for p in range(rows.start[i], rows.start[i + 1]):
             q = rows.of[p]
-            t = U(q // WIDE) * BODIES + U(q % WIDE)
+            t = bodies_of(q)
             other = body[t + LANES] if body[t] == i else body[t]
             at = lane_of(q)
             if z.in_it[other] != 2 and (every or r[at + GAP0] < far or r[at + COUNT] != 0.0

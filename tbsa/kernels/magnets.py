@@ -38,7 +38,7 @@ FEW, WAY = 64, 18 * 64  # pairs that are where tiles turn far, and numbers of th
 # Lists reach further by this (fraction), as they are made in single precision, which is enough and
 # twice as fast, and as magnets of a block may be as far apart as the cut-off, by default a tile's
 # width: rounding is not to decide whether a list has them.
-ROUNDING = 1e-6
+SINGLE = 1e-6
 
 
 class MagnetLaw(NamedTuple):
@@ -223,7 +223,7 @@ def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
     of_a, of_b, which, mp, mq, strength = near.a, near.b, near.which, near.p, near.q, near.strength
     d, first, last = law.offset, first_of(pairs, n, me, threads), first_of(pairs, n, me + 1,
                                                                           threads)
-    more = 1.0 + ROUNDING
+    more = 1.0 + SINGLE
     begin: Any = U(start[first])  # no share has more pairs of tiles than are on their list
     found: Any = begin
     for a in range(first, last):
@@ -241,7 +241,7 @@ def magnets_from(law: MagnetLaw, pairs: Pairs, n: int, glues: np.ndarray, x: np.
         for i in range(part):
             u, ta, tb = h + i, U(of_a[o + i]), U(of_b[o + i])
             dx[u], dy[u] = x[tb] - x[ta], y[tb] - y[ta]
-            reach = more * (law.cutoff + margin[ta] + margin[tb]) + 4.0 * ROUNDING * d
+            reach = more * (law.cutoff + margin[ta] + margin[tb]) + 4.0 * SINGLE * d
             r2[u] = reach * reach
             ca[u], sa[u], cb[u], sb[u] = d * c[ta], d * s[ta], d * c[tb], d * s[tb]
         for i in range(part):  # without branches, on its own: it vectorises, and takes an eighth

@@ -19,7 +19,6 @@ from tbsa.kernels.manifold import push
 from tbsa.kernels.rows import (
     BASE,
     BLOCK,
-    BODIES,
     COLOURS,
     COUNT,
     HIT,
@@ -40,6 +39,7 @@ from tbsa.kernels.rows import (
     WARMT,
     WIDE,
     Rows,
+    bodies_of,
     lane_of,
 )
 from tbsa.kernels.sweeps import (
@@ -128,7 +128,7 @@ def sweep_on(rows: Rows, size: int, k: Numbers, v: Bodies, little: float, part: 
         worst = max(worst, change)
         if change <= little:
             continue
-        t = U(q // WIDE) * BODIES + U(q % WIDE)
+        t = bodies_of(q)
         m = queue(rows, v, body[t], m)
         m = queue(rows, v, body[t + LANES], m)
     return m, worst, square, onward
@@ -154,7 +154,7 @@ def go_on_queue(rows: Rows, size: int, m: int, beta: float, k: Numbers, v: Bodie
         scatter_row(rows, q, vx, vy, w)
         if change <= little:
             continue
-        t = U(q // WIDE) * BODIES + U(q % WIDE)
+        t = bodies_of(q)
         m = queue(rows, v, body[t], m)
         m = queue(rows, v, body[t + LANES], m)
     return m

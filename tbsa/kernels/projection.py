@@ -23,7 +23,6 @@ from tbsa.kernels.geometry import (
 from tbsa.kernels.jit import ZERO, U, inline, lane, rolled
 from tbsa.kernels.manifold import two_points
 from tbsa.kernels.rows import (
-    ALONE,
     AN0,
     AN1,
     AW,
@@ -34,7 +33,6 @@ from tbsa.kernels.rows import (
     BLOCK,
     BN0,
     BN1,
-    BODIES,
     BW,
     BX,
     BY,
@@ -52,6 +50,7 @@ from tbsa.kernels.rows import (
     K01,
     K11,
     LANES,
+    LONE_ROWS,
     MA,
     MB,
     MU,
@@ -63,6 +62,7 @@ from tbsa.kernels.rows import (
     WIDE,
     E,
     Rows,
+    bodies_of,
     lane_of,
     wall_code,
 )
@@ -91,7 +91,7 @@ def clears(rows: Rows, q: int, k: Numbers, v: Bodies, x: np.ndarray, y: np.ndarr
     be the nearest.
     """
     r, body, half = rows.field, rows.body, 0.5 * k.width
-    t = U(q // WIDE) * BODIES + U(q % WIDE)
+    t = bodies_of(q)
     a, b = U(body[t]), U(body[t + LANES])
     ca, sa = turned_on(c[a], s[a], turn_a)
     xa, ya = x[a] + rest * v.vx[a], y[a] + rest * v.vy[a]
@@ -123,7 +123,7 @@ def part_row(rows: Rows, q: int, k: Numbers, v: Bodies, shift: Bodies, x: np.nda
     spare = slop - left
     r, body, sx, sy, sw = rows.field, rows.body, shift.vx, shift.vy, shift.w
     vx, vy, w = v.vx, v.vy, v.w
-    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+    i, t = lane_of(q), bodies_of(q)
     a, b = U(body[t]), U(body[t + LANES])
     nx, ny, two = r[i + NX], r[i + NY], r[i + COUNT] > 1.5
     # Where the points will be in the next substep as they go, with what has been moved yet.
@@ -262,7 +262,7 @@ def part_all(rows: Rows, size: int, k: Numbers, v: Bodies, shift: Bodies, x: np.
     now, first = rows.now, rows.first
     crew.numbers[7], crew.numbers[8] = rest, left
     done = ZERO
-    for colour in range(ALONE if size >= MANY_ROWS else 0):
+    for colour in range(LONE_ROWS if size >= MANY_ROWS else 0):
         end = done
         while end < size and now[end] < WIDE * first[colour + 1]:
             end += 1
@@ -326,7 +326,7 @@ def project(rows: Rows, k: Numbers, rest: float, v: Bodies, shift: Bodies, x: np
             q = now[j]
             queued[q] = 0
             if rows.changes[j] != 0.0:
-                t = U(q // WIDE) * BODIES + U(q % WIDE)
+                t = bodies_of(q)
                 m = queue(rows, v, body[t], m)
                 m = queue(rows, v, body[t + LANES], m)
         some += m

@@ -94,8 +94,8 @@ WALLS = NEAR_ROWS + NEAR_COLOURS
 NEAR_BITS = 2**NEAR_COLOURS - 1
 # The first of eight bits that is not set; 8 where all are.  There are two times eight colours.
 FREE = np.array([((bits + 1) & ~bits).bit_length() - 1 for bits in range(256)])
-ALONE = WALLS + WALL_COLOURS
-COLOURS = ALONE + 1
+LONE_ROWS = WALLS + WALL_COLOURS
+COLOURS = LONE_ROWS + 1
 # Of the numbers in ``size``: rows that were added within a step, the substep (h/8) that the
 # impulses are for, 0 where there are no rows yet, how many rows there can be, -1 with a wall, and
 # how many tiles are in ``between``.
@@ -105,7 +105,7 @@ POINTS = 16
 
 
 # Impulses that differ by less than this part are the same, but for rounding.
-ROUNDING = 1e-13
+SAME = 1e-13
 
 
 class Rows(NamedTuple):
@@ -141,7 +141,7 @@ class Rows(NamedTuple):
     island: np.ndarray  # int64[n + 1], the first of the mobile tiles that a tile's rows lead to
     used: np.ndarray  # int64[n + 1], scratch: colours of a tile, as bits
     fill: np.ndarray  # int64[COLOURS], scratch
-    colours: np.ndarray  # int64[ALONE], those of the colours that are in use, in order
+    colours: np.ndarray  # int64[LONE_ROWS], those of the colours that are in use, in order
     size: np.ndarray  # int64[SIZES], rows, colours in use, and LATE, SCALED, ALL and BETWEEN
     effort: np.ndarray  # int64[2], rows in all passes of this call, and those left out
 
@@ -173,7 +173,7 @@ def empty_rows(n: int, capacity: int) -> Rows:
         *lists[3], *lists[4],
         np.zeros(n + 1, np.int64), np.zeros(POINTS // 2, np.int64), np.zeros(4 * POINTS),
         np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(COLOURS, np.int64),
-        np.zeros(ALONE, np.int64),
+        np.zeros(LONE_ROWS, np.int64),
         np.zeros(SIZES, np.int64), np.zeros(2, np.int64)])
 
 
@@ -370,7 +370,7 @@ def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
     """Whether there is a row of a mobile tile a and b, with this code if b is the wall."""
     body, of = rows.body, rows.of
     for p in range(rows.start[a], rows.start[a + 1]):
-        t = U(of[p] // WIDE) * BODIES + U(of[p] % WIDE)
+        t = bodies_of(of[p])
         if (((body[t] == a and body[t + LANES] == b) or (body[t] == b and body[t + LANES] == a))
                 and (b < n or wall_code(rows.field, U(of[p] // WIDE) * BLOCK + U(of[p] % WIDE))
                      == code)):
@@ -382,6 +382,12 @@ def has_row(rows: Rows, a: int, b: int, n: int, code: int) -> bool:
 def lane_of(q: int) -> Any:
     """Where the lane of row q (WIDE block + lane) begins."""
     return U(q // WIDE) * BLOCK + U(q % WIDE)
+
+
+@inline
+def bodies_of(q: int) -> Any:
+    """Where the bodies of row q stand: that of a here, that of b LANES later."""
+    return U(q // WIDE) * BODIES + U(q % WIDE)
 
 
 @lane
@@ -425,15 +431,15 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
                 used[b] |= (1 if mobile[b] != 0.0 else 0) << colour
                 colour += NEAR_ROWS
             else:
-                colour = ALONE
+                colour = LONE_ROWS
         slot[i] = colour
         fill[colour] += 1
         last = max(last, colour)
     blocks, in_use = ZERO, 0
     for q in range(last + 1):
         first[q] = blocks
-        blocks += fill[q] if q == ALONE else int(U(fill[q] + WIDE - 1) // LANES)
-        if fill[q] > 0 and q != FAR_ROWS and q != ALONE:
+        blocks += fill[q] if q == LONE_ROWS else int(U(fill[q] + WIDE - 1) // LANES)
+        if fill[q] > 0 and q != FAR_ROWS and q != LONE_ROWS:
             rows.colours[in_use] = q
             in_use += 1
         fill[q] = 0
@@ -444,7 +450,7 @@ def colour_rows(rows: Rows, m: int, k: Numbers, mobile: np.ndarray, crew: Crew) 
     for i in range(m if enough else 0):
         q = slot[i]
         block, at = first[q] + fill[q] // WIDE, fill[q] % WIDE
-        if q == ALONE:
+        if q == LONE_ROWS:
             block, at = first[q] + fill[q], 0
         fill[q] += 1
         slot[i] = block * int(BLOCK) + at
@@ -652,7 +658,7 @@ def about_the_same(rows: Rows, m: int, n: int, store: Impulses) -> bool:
     j, size, largest = ZERO, store.size[0], 0.0
     for i in range(size):
         largest = max(largest, store.pn0[i] + store.pn1[i])
-    least = ROUNDING * largest
+    least = SAME * largest
     for i in range(m):
         k = U(slot[i])
         if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:

@@ -22,7 +22,6 @@ from tbsa.kernels.rows import (
     BETWEEN,
     BN0,
     BN1,
-    BODIES,
     LANES,
     MU,
     NX,
@@ -31,8 +30,8 @@ from tbsa.kernels.rows import (
     PN1,
     POINTS,
     PT,
-    WIDE,
     Rows,
+    bodies_of,
     lane_of,
 )
 from tbsa.kernels.sweeps import speed_of
@@ -52,7 +51,7 @@ def pressed(rows: Rows, q: int, tile: int, mobile: np.ndarray) -> Any:
     """What a held body presses the tile with in row q (N s; 0 if the other body is not held), and
     where to; whether the tile is the second of the row."""
     r, body = rows.field, rows.body
-    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+    i, t = lane_of(q), bodies_of(q)
     held, second = mobile[body[t]] * mobile[body[t + LANES]] == 0.0, body[t + LANES] == tile
     sign = 1.0 if second else -1.0
     return (r[i + PN0] + r[i + PN1] if held else 0.0), sign * r[i + NX], sign * r[i + NY], second

@@ -34,7 +34,6 @@ from tbsa.kernels.floor import (
 from tbsa.kernels.jit import ZERO, U, apart, inline, lane, rolled
 from tbsa.kernels.manifold import push, solve_lanes
 from tbsa.kernels.rows import (
-    ALONE,
     AW,
     AX,
     AY,
@@ -50,11 +49,13 @@ from tbsa.kernels.rows import (
     FAR_ROWS,
     IDLE,
     LANES,
+    LONE_ROWS,
     PN0,
     PN1,
     PT,
     WIDE,
     Rows,
+    bodies_of,
     lane_of,
 )
 
@@ -122,7 +123,7 @@ def scatter(rows: Rows, block: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarra
 def gather_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> Any:
     """The velocities of the bodies of row q, into its lane, which it returns."""
     r, body = rows.field, rows.body
-    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+    i, t = lane_of(q), bodies_of(q)
     a, b = U(body[t]), U(body[t + LANES])
     r[i + AX], r[i + AY], r[i + AW] = vx[a], vy[a], w[a]
     r[i + BX], r[i + BY], r[i + BW] = vx[b], vy[b], w[b]
@@ -133,7 +134,7 @@ def gather_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray
 def scatter_row(rows: Rows, q: int, vx: np.ndarray, vy: np.ndarray, w: np.ndarray) -> None:
     """And back."""
     r, body = rows.field, rows.body
-    i, t = lane_of(q), U(q // WIDE) * BODIES + U(q % WIDE)
+    i, t = lane_of(q), bodies_of(q)
     a, b = U(body[t]), U(body[t + LANES])
     vx[a], vy[a], w[a] = r[i + AX], r[i + AY], r[i + AW]
     vx[b], vy[b], w[b] = r[i + BX], r[i + BY], r[i + BW]
@@ -206,7 +207,7 @@ def apply_impulses(rows: Rows, per_mass: float, v: Bodies, crew: Crew) -> None:
         mine, last = give(crew, APPLY, first[colour], first[colour + 1], LEAST_BLOCKS)
         apply_blocks(rows, per_mass, v, mine, last)
         collect(crew)
-    for colour in (FAR_ROWS, ALONE):
+    for colour in (FAR_ROWS, LONE_ROWS):
         for q in range(WIDE * first[colour], WIDE * first[colour + 1]):
             k = lane_of(q)
             if r[k + PN0] != 0.0 or r[k + PN1] != 0.0:
@@ -295,7 +296,7 @@ def sweep_alone(rows: Rows, k: Numbers, v: Bodies) -> Any:
     """Solve the far rows that touch, and those that are alone in their blocks, likewise."""
     r, first = rows.field, rows.first
     many, worst = ZERO, 0.0
-    for colour in (FAR_ROWS, ALONE):
+    for colour in (FAR_ROWS, LONE_ROWS):
         for block in range(first[colour], first[colour + 1]):
             if rows.single[block] == IDLE:
                 continue
@@ -466,7 +467,7 @@ def sweep_queue(rows: Rows, size: int, k: Numbers, floor: FloorLaw, c: np.ndarra
     for j in range(size):
         q = now[j]
         queued[q] = 0
-        t = U(q // WIDE) * BODIES + U(q % WIDE)
+        t = bodies_of(q)
         if changes[j] <= little:
             change[body[t]] = change[body[t + LANES]] = STALE
             continue
