@@ -224,18 +224,26 @@ def lone_impact(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.n
             stay_together(rows, row, an, bn, k, z)
 
 
+@lane
+def point_at(r: np.ndarray, at: int, an: float, bn: float, width: float) -> int:
+    """Which point of the row in the lane at `at` has about these lever arms, 1 or 2; 0 for none:
+    its tiles have turned further than is told as `SWEPT`."""
+    off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
+    off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
+    if r[at + COUNT] == 0.0 or min(off0, off1) > SWEPT * width:
+        return 0
+    return 1 if off0 <= off1 else 2
+
+
 @inline
 def leave_on_arc(rows: Rows, row: int, an: float, bn: float, bend: float, k: Numbers) -> None:
     """The point of a row with these lever arms has been stopped, and leaves along its arc, by
     `bend` (m/s^2): where its tiles now are it has yet to come, which is not to be stopped again."""
     r, at = rows.field, lane_of(row)
-    off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
-    off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
-    if r[at + COUNT] == 0.0 or min(off0, off1) > SWEPT * k.width:
-        return
-    if off0 <= off1:
+    point = point_at(r, at, an, bn, k.width)
+    if point == 1:
         r[at + WANT0], r[at + BEND0] = max(r[at + WANT0], -r[at + VN0]), bend
-    else:
+    elif point == 2:
         r[at + WANT1], r[at + BEND1] = max(r[at + WANT1], -r[at + VN1]), bend
 
 
@@ -253,14 +261,11 @@ def note_together(rows: Rows, row: int, k: Numbers, z: Scratch) -> None:
 @lane
 def stay_together(rows: Rows, row: int, an: float, bn: float, k: Numbers, z: Scratch) -> None:
     """The point of a row with these lever arms is in contact from now on, if the row tells of it
-    yet: where its tiles now are they have not turned further than is told as `SWEPT`."""
-    r, at = rows.field, lane_of(row)
-    off0 = abs(r[at + AN0] - an) + abs(r[at + BN0] - bn)
-    off1 = abs(r[at + AN1] - an) + abs(r[at + BN1] - bn) if r[at + COUNT] == 2.0 else math.inf
-    if r[at + COUNT] == 0.0 or min(off0, off1) > SWEPT * k.width:
-        return
-    leave(z, row, 1 if off0 <= off1 else 2)
-    note_together(rows, row, k, z)
+    yet where its tiles now are."""
+    point = point_at(rows.field, lane_of(row), an, bn, k.width)
+    if point != 0:
+        leave(z, row, point)
+        note_together(rows, row, k, z)
 
 
 @lane
