@@ -583,7 +583,8 @@ def test_a_load_that_turns_moves_a_block_less_where_tiles_at_rest_have_less_of_t
     less, middle, loose = way(2e-2, at_rest=0.025), way(5e-3), way(2e-2)
     assert way(1e-5).max() < 1e-3
     assert less.max() < 0.005
-    assert 2.0 * less.mean() < middle.mean() < loose.mean() < 0.015
+    assert 2.0 * less.mean() < middle.mean() < min(loose.mean(), 0.01)
+    assert loose.mean() < 0.015
 
 
 def test_a_simulated_block_with_all_pairs_begins_to_move_at_its_own_critical_load():

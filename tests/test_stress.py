@@ -81,16 +81,16 @@ def test_the_energy_of_many_magnets_is_the_sum_over_all_pairs():
     assert MagnetEnergy(scene, glues)(s.x, s.y, s.angle) == pytest.approx(total, rel=1e-7)
 
 
-THREE = (9235, 9251, 9274)
+DEEPEST = (9235, 9251, 9274)
 
 
 @pytest.fixture(scope="module", params=[
-    THREE, pytest.param((*range(9211, 9219), *THREE), marks=pytest.mark.slow)],
+    DEEPEST, pytest.param((*range(9211, 9219), *DEEPEST), marks=pytest.mark.slow)],
     ids=["three", "eleven"])
 def smooth(request):
     """Deepest overlap (widths) in half a minute of 36 tiles without friction that their drive
-    spins to hundreds of rad/s, at the recommended settings; eleven runs, in three of which faces
-    came after corners that nobody took to hit any more (up to 2.5 % in 0.27.0)."""
+    spins to hundreds of rad/s, at the recommended settings; three runs in which faces came after
+    corners that nobody took to hit any more (up to 2.5 % in 0.27.0), or eleven with them."""
     wall = Reactor("circle", 0.237, friction=0.0, restitution=0.2)
     scene = stress.crowd(36, 0.237, drive=Drive("unicycle", 0.082, 0.00493, 1.0),
                          floor=Floor("exact"), material=Material(friction=0.0), wall=wall)

@@ -54,7 +54,6 @@ from tbsa.kernels.rows import (
     BLOCK,
     BN0,
     BN1,
-    BODIES,
     COLOURS,
     COUNT,
     GAP0,
@@ -645,12 +644,11 @@ def expect(rows: Rows, row: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch
 
     Returns the `meeting`.
     """
-    block, lane, body = row // WIDE, row % WIDE, rows.body
-    t = U(block) * BODIES + U(lane)
+    body, t = rows.body, bodies_of(row)
     a, b = U(body[t]), U(body[t + LANES])
     draw(rows, k, loads, v, z, c, s, a)
     draw(rows, k, loads, v, z, c, s, b)
-    how, meet = meeting(rows, block, lane, k, v, z, x, y, angle, c, s, loads.h, 0.0)
+    how, meet = meeting(rows, row, k, v, z, x, y, angle, c, s, loads.h, 0.0)
     r, i, slow = rows.field, lane_of(row), max(k.threshold, loads.gain / k.h)
     leaves = r[i + HIT] == -2.0
     if how < LATER and not leaves:
@@ -708,8 +706,7 @@ def impacts(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.n
             r[at + HIT] = 0.0
             continue
         if row != known or points + size > 0:  # its tiles may go otherwise than they did
-            how, meet = meeting(rows, row // WIDE, row % WIDE, k, v, z, x, y, angle, c, s, loads.h,
-                                queue.time[row])
+            how, meet = meeting(rows, row, k, v, z, x, y, angle, c, s, loads.h, queue.time[row])
             known = row
         if how >= LATER or (hit < 0.0 and beside(rows, row, k, mobile, z)):
             fly_on(r, at, k.h)

@@ -27,8 +27,6 @@ from tbsa.kernels.jit import U, inline, lane
 from tbsa.kernels.rows import (
     BEND0,
     BEND1,
-    BLOCK,
-    BODIES,
     GAP0,
     GAP1,
     HIT,
@@ -42,6 +40,8 @@ from tbsa.kernels.rows import (
     WARM0,
     WARM1,
     Rows,
+    bodies_of,
+    lane_of,
     wall_code,
 )
 
@@ -143,7 +143,7 @@ def rocks_off(r: np.ndarray, i: int, k: Numbers, turn: float, time: float) -> fl
 
 
 @lane
-def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
+def meeting(rows: Rows, row: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, h: float,
             begin: float) -> Any:
     """When and where the bodies of a row that hits meet, both flying on; not before `begin` (s).
@@ -158,7 +158,7 @@ def meeting(rows: Rows, block: int, lane: int, k: Numbers, v: Bodies, z: Scratch
     that the solve is not to stop.
     """
     r, body = rows.field, rows.body
-    i, t = U(block) * BLOCK + U(lane), U(block) * BODIES + U(lane)
+    i, t = lane_of(row), bodies_of(row)
     a, b = U(body[t]), U(body[t + LANES])
     vx, vy, w, half = v.vx, v.vy, v.w, 0.5 * k.width
     wall, code = b == U(k.n), wall_code(r, i)

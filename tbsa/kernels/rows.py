@@ -105,7 +105,7 @@ POINTS = 16
 
 
 # Impulses that differ by less than this part are the same, but for rounding.
-SAME = 1e-13
+EQUAL = 1e-13
 
 
 class Rows(NamedTuple):
@@ -658,7 +658,7 @@ def about_the_same(rows: Rows, m: int, n: int, store: Impulses) -> bool:
     j, size, largest = ZERO, store.size[0], 0.0
     for i in range(size):
         largest = max(largest, store.pn0[i] + store.pn1[i])
-    least = SAME * largest
+    least = EQUAL * largest
     for i in range(m):
         k = U(slot[i])
         if r[k + PN0] == 0.0 and r[k + PN1] == 0.0:

@@ -991,8 +991,6 @@ _quoted = json.JSONEncoder(ensure_ascii=False).encode
 
 def _toml(value: Any) -> str:
     """A value as TOML; `repr` of a float is the shortest text that reads back to its last bit."""
-    if type(value) is int:  # first what a seed has most of
-        return repr(value)
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
