@@ -1553,15 +1553,25 @@ def written(beyond, monkeypatch):
     ("families", "beyond/table", first_groups("square"), "a run of unequal families"),
     ("more_tiles", "more_tiles/table", lambda frame: frame[:0], "a run that is done"),
     ("more_tiles", "more_tiles/table", lambda frame: frame.assign(status="ready"), "must be one")])
-def test_a_figure_whose_data_do_not_serve_is_left_out_and_the_others_are_made(
+def test_a_figure_whose_data_do_not_serve_is_left_out(
         written, capsys, name, file, change, words):
     rewritten(written / f"{file}.csv", change)
-    assert make_figures([name, "tile_set"]) == 1
-    first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith(f"{name}: left out, needs ")
-    assert words in first
-    assert second.startswith("tile_set: ")
-    assert second.endswith("tile_set.png")
+    assert make_figures([name]) == 1
+    told = capsys.readouterr().out
+    assert told.startswith(f"{name}: left out, needs ")
+    assert words in told
+    assert len(told.splitlines()) == 1
+    assert not (written / "output").exists()
+
+
+def test_the_other_figures_are_made_where_the_data_of_one_do_not_serve(written, capsys):
+    rewritten(written / "campaign/table.csv", lambda frame: frame.assign(status="failed"))
+    assert make_figures(["growth", "tile_set", "events"]) == 1
+    left, made, left_too = capsys.readouterr().out.splitlines()
+    assert left.startswith("growth: left out, needs ")
+    assert made.startswith("tile_set: ")
+    assert made.endswith("tile_set.png")
+    assert left_too.startswith("events: left out, needs ")
 
 
 @pytest.mark.parametrize(("name", "file", "change"), [

@@ -963,7 +963,7 @@ def test_metrics_are_written_though_nobody_reads_what_is_printed(run, monkeypatc
     assert len(pd.read_csv(run / "metrics.csv")) == 5
 
 
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("unbuffered", ["", pytest.param("1", marks=pytest.mark.slow)])
 def test_output_that_cannot_be_written_is_told_by_the_exit_code(here, unbuffered, unwritable):
     """A buffer is written at the end only, where Python would complain and exit with 120."""
     place, words = unwritable

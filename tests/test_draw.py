@@ -129,7 +129,7 @@ def every_mark(monkeypatch):
     monkeypatch.setattr(pictures, "_marks", lambda *_: dict.fromkeys(pictures.MARKS, 12))
 
 
-@pytest.mark.parametrize("marks", [0, 1, 5])
+@pytest.mark.parametrize("marks", [0, pytest.param(1, marks=pytest.mark.slow), 5])
 @pytest.mark.parametrize("shape", [0.3, 0.4, 0.625, 0.7, 0.76, 0.8, 1.0, 2.0])
 def test_nothing_of_a_picture_is_cut_off(monkeypatch, shape, marks, tmp_path):
     names = list(pictures.MARKS)[:marks]

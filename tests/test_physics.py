@@ -950,7 +950,8 @@ def test_bonds_hold_at_the_longest_step_that_is_allowed(friction, step, knock):
         assert np.hypot(s.x - s.x.mean(), s.y - s.y.mean()).max() < 2.0 * WIDTH
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.05, 0.1, 0.25])
+@pytest.mark.parametrize("friction", [
+    0.0, *(pytest.param(friction, marks=pytest.mark.slow) for friction in (0.05, 0.1)), 0.25])
 def test_what_snaps_together_at_the_longest_step_seldom_gains_energy(friction):
     """Eight loose tiles in a round wall, without a floor, a drive or damping: friction and impacts
     take energy, and what leapfrog gives at times is mostly less than 0.3 of that of a bond. A

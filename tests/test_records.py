@@ -935,7 +935,7 @@ def test_a_drive_that_a_run_cannot_bear_is_refused_before_it_runs(tmp_path, line
 @pytest.mark.parametrize("body", [
     "a.flat[0] += 1.0", "for b in np.nditer(a): b[()] = 1.0", "deeper(a)",
     "np.fill_diagonal(np.expand_dims(a, 0), 1.0)"])
-@pytest.mark.parametrize("option", ["", "(cache=True)"])
+@pytest.mark.parametrize("option", [pytest.param("", marks=pytest.mark.slow), "(cache=True)"])
 def test_a_drives_helper_may_not_write_either(tmp_path, body, option):
     helpers = (f"import numpy as np\nfrom numba import njit\n@njit{option}\ndef deeper(a):\n"
                f"    a.flat[0] += 1.0\n@njit{option}\ndef write(a):\n    {body}\n")

@@ -520,7 +520,8 @@ def test_a_tile_on_the_coupled_floor_moves_no_faster_as_it_starts_than_soon_afte
     assert np.all(np.diff(speed) > 0.0)
 
 
-@pytest.mark.parametrize("change", [{"force": -0.075}, {"torque": -1e-4}])
+@pytest.mark.parametrize("change", [
+    {"force": -0.075}, pytest.param({"torque": -1e-4}, marks=pytest.mark.slow)])
 def test_a_coupled_drive_of_either_sign_drives(change):
     """Backward is forward of a tile that faces the other way; a turn the other way, in a mirror."""
     times = [0.9, 1.7, 4.3]

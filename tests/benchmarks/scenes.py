@@ -16,6 +16,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -210,12 +211,12 @@ COUPLED = {"mass": MASS, "width": WIDTH, "force": 0.075, "torque": 1e-4, "freque
 def coupled() -> Reference:
     """The same on coupled friction, one bound for sliding and turning."""
     times = np.arange(1.0, 21.0)
-    truth = unicycle.coupled_tile(times, **COUPLED)
+    truth = cache(lambda: unicycle.coupled_tile(times, **COUPLED))  # takes seconds
     scene = build("Driven tile, coupled friction", [tile(0, 0)], floor=Floor("coupled"),
                   material=Material(restitution_threshold=0.0), duration=20.0,
                   drive=Drive("unicycle", 0.075, 1e-4, 0.1))
     return Reference("coupled", "driven tile, coupled floor", scene, 20.0,
-                     lambda make, scene: _path_error(make, scene, times, truth),
+                     lambda make, scene: _path_error(make, scene, times, truth()),
                      {"path": 1e-3, "heading": 1e-3})
 
 
