@@ -592,6 +592,7 @@ def test_what_cannot_be_fitted_is_an_error():
             ((LAW, R[:2], TRUE[:2]), {}, "2 points"),
             ((LAW, R[:5], TRUE), {}, "distance must be 15 finite numbers"),
             ((LAW, R, TRUE * np.nan), {}, "force must be 15 finite numbers"),
+            ((LAW, -R, TRUE), {}, "distance must be at least 0, not -"),
             ((LAW, R, TRUE, TRUE * 0), {}, "sd must be positive"),
             ((LAW, R, TRUE), {"fixed": {"alpha": 1, "beta": 1}}, "at least one must be free"),
             ((LAW, R, TRUE), {"fixed": {"gamma": 1}}, "not a parameter of law"),

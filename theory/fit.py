@@ -351,15 +351,17 @@ def fit(
     Raises
     ------
     ValueError
-        No more points than free parameters, values that are not finite, uncertainties that are
-        not positive, unknown names, a fixed value that the model's parameter cannot take, no
-        start, or a model that is not finite at these distances.
+        No more points than free parameters, values that are not finite, distances below 0,
+        uncertainties that are not positive, unknown names, a fixed value that the model's
+        parameter cannot take, no start, or a model that is not finite at these distances.
     """
     d, f = np.asarray(distance, float), np.asarray(force, float)
     s = None if sd is None else np.asarray(sd, float)
     for name, array in (("distance", d), ("force", f), ("sd", s)):
         if array is not None and (array.shape != (f.size,) or not np.all(np.isfinite(array))):
             raise ValueError(f"{name} must be {f.size} finite numbers in a row")
+    if np.any(d < 0):  # beyond r + beta = 0 the law is another curve, and fits
+        raise ValueError(f"distance must be at least 0, not {d.min():g} m")
     if s is not None and np.any(s <= 0):
         raise ValueError("sd must be positive")
     known, given = dict(fixed or {}), dict(bounds or {})
