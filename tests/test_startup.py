@@ -30,9 +30,10 @@ from tbsa.work.report import DONE, LEFT_OUT, work
 
 PACKAGE = Path(tbsa.__file__).parent
 ROOT = Path(__file__).parents[1]
-# Forces of two tiles, and what the kernels' cache did: true where a kernel came from disk.
+# Forces of two tiles, and what the kernels' cache did: true where a kernel came from disk.  Tables
+# are what Numba reads to compile.
 BOND = """
-import json
+import json, sys
 from tbsa.kernels import drives, jit
 from tbsa.model import simulation
 from tbsa.model.scene import SETS, Free, Magnet, PlacedTile, Scene
@@ -41,7 +42,8 @@ s = simulation.Simulation(Scene(types=SETS["chessboard"], free=Free((), tiles), 
 forces = [list(part) for part in s.magnet_forces()]
 used = {name: there for name, there in jit.KERNELS.items() if there is not None}
 folder = jit.cache_folder()
-print(json.dumps({"forces": forces, "used": used, "folder": folder and str(folder)}))
+print(json.dumps({"forces": forces, "used": used, "folder": folder and str(folder),
+                  "tables": "numba.np.linalg" in sys.modules}))
 """
 
 
@@ -127,8 +129,33 @@ def test_kernels_are_compiled_once(warm):
     assert first["used"] == {"build_pairs": False, "magnet_forces": False, "no_drive": False}
     again = python(BOND, TBSA_CACHE_DIR=str(folder))
     assert again["used"] == dict.fromkeys(first["used"], True)
+    assert (first["tables"], again["tables"]) == (True, False)  # a third of a cached start
     assert again["forces"] == first["forces"]
     assert again["folder"].startswith(str(folder))
+
+
+def test_what_is_compiled_after_a_cached_start_has_numbas_tables(warm):
+    """A drive of the user's is compiled in every process, with all that Numba knows."""
+    folder, first = warm
+    code = BOND + """
+import numpy as np
+from numba import njit
+from tbsa.kernels.drives import engine
+@njit
+def call(f, p, x, family, fx):
+    f(1.0, p, x, x, x, x, x, x, family, x, fx, x, x)
+def sums(t, p, x, y, angle, vx, vy, omega, family, forward, fx, fy, torque):
+    fx[:] += np.linalg.norm(np.dot(p.reshape(2, 2), x)) + np.sort(x)[0]
+fx = np.zeros(2)
+call(engine(sums), np.array([3.0, 0.0, 0.0, 2.0]), np.array([1.0, 2.0]), np.ones(2), fx)
+print(json.dumps(list(fx)))
+"""
+    process = start(code, TBSA_CACHE_DIR=str(folder))
+    out, err = process.communicate(timeout=600)
+    assert process.returncode == 0, err[-3000:]
+    found, forces = map(json.loads, out.splitlines())
+    assert found["used"] == dict.fromkeys(first["used"], True)
+    assert forces == [6.0, 6.0]
 
 
 def test_drives_are_compiled_with_notes_for_debuggers(tmp_path):
@@ -210,7 +237,7 @@ def test_nowhere_to_keep_kernels(tmp_path, warm):
     (tmp_path / "file").write_text("")
     found = python(f"import tempfile\ntempfile.tempdir = {str(tmp_path / 'file')!r}\n{BOND}",
                    TBSA_CACHE_DIR=str(tmp_path / "file"))
-    assert found == {"forces": warm[1]["forces"], "used": {}, "folder": None}
+    assert found == {"forces": warm[1]["forces"], "used": {}, "folder": None, "tables": True}
 
 
 def test_two_processes_that_start_cold_at_the_same_time(tmp_path, warm):

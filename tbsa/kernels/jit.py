@@ -36,8 +36,10 @@ from numba.core.compiler import Compiler
 from numba.core.lowering import Lower
 from numba.core.postproc import PostProcessor
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 from numba.core.typed_passes import InlineOverloads
 from numba.core.untyped_passes import InlineClosureLikes
+from numba.experimental import function_type  # noqa: F401 - what a drive is as an argument
 
 # An index that came out of an array: unsigned, as the constants that places are counted with, or
 # Numba would make a float of their sum.
@@ -170,7 +172,9 @@ class _Cache(FunctionCache):
         """What is kept for a signature, or None."""
         try:
             with undisturbed():
-                found = super().load_overload(sig, target_context)
+                # All that compiled code asks of Numba; what compiles reads its tables by itself.
+                rtsys.initialize(target_context)
+                found = self._load_overload(sig, target_context)
         except Exception:  # a damaged file raises whatever its bytes happen to mean
             found = None
             with contextlib.suppress(OSError):
