@@ -36,7 +36,7 @@ from numba.core.compiler import Compiler
 from numba.core.lowering import Lower
 from numba.core.postproc import PostProcessor
 from numba.core.registry import CPUDispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.typed_passes import InlineOverloads
 from numba.core.untyped_passes import InlineClosureLikes
 from numba.experimental import function_type  # noqa: F401 - what a drive is as an argument
