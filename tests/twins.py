@@ -78,7 +78,9 @@ def manifold(a, angle_a, b, angle_b, width, margin):
     The face of the largest separation is the reference; the other square's edge that looks at
     it is cut off where the face ends.  `place` is the point's distance along the tangent, a
     quarter turn counter-clockwise of the normal from a to b, from the world's origin.
-    The id is (edge of a, edge of b, 1 for the point further along the tangent).
+    The id is (edge of a, edge of b, 1 for the point further along the tangent).  There is none where
+    the squares pass each other along the face with less than corners are blunt, and only the nearer
+    one of an edge that is shorter than that.
     """
     apart = separations(a, angle_a, b, angle_b, width)
     k = max(range(8), key=lambda i: apart[i])
@@ -97,7 +99,8 @@ def manifold(a, angle_a, b, angle_b, width, margin):
     low = dot(own, tangent) - 0.5 * width
     u0, u1 = (dot(v, tangent) for v in ends)
     w0, w1 = max(u0, low), min(u1, low + width)
-    if w1 - w0 < BLUNT * width:
+    reach = 0.5 * width + max(dot(v - other, tangent) for v in vertices(other, other_angle, width))
+    if reach - abs(dot(other - own, tangent)) < BLUNT * width or w1 < w0:
         return normal, {}
     found = {}
     for end, w in enumerate((w0, w1)):
@@ -106,6 +109,8 @@ def manifold(a, angle_a, b, angle_b, width, margin):
         if gap <= margin:
             edges = (k % 4, facing) if of_a else (facing, k % 4)
             found[(*edges, end)] = gap, w
+    if w1 - w0 < BLUNT * width and len(found) == 2:
+        del found[max(found, key=lambda each: found[each][0])]
     return normal, found
 
 
