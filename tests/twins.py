@@ -78,9 +78,9 @@ def manifold(a, angle_a, b, angle_b, width, margin):
     The face of the largest separation is the reference; the other square's edge that looks at
     it is cut off where the face ends.  `place` is the point's distance along the tangent, a
     quarter turn counter-clockwise of the normal from a to b, from the world's origin.
-    The id is (edge of a, edge of b, 1 for the point further along the tangent).  There is none where
-    the squares pass each other along the face with less than corners are blunt, and only the nearer
-    one of an edge that is shorter than that.
+    The id is (edge of a, edge of b, 1 for the point further along the tangent).  There is none
+    where the squares pass each other along the face with less than corners are blunt, and only
+    the nearer one of an edge that is shorter than that.
     """
     apart = separations(a, angle_a, b, angle_b, width)
     k = max(range(8), key=lambda i: apart[i])

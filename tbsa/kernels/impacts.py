@@ -780,33 +780,10 @@ def keep_together(rows: Rows, k: Numbers, z: Scratch) -> None:
 
 
 @inline
-def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
-             angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
-             size: int) -> None:
-    """Impulses of the `size` rows in ``rows.now``, that hit together, the first of them at the time
-    `begun` (s), and of what they reach."""
-    r, body = rows.field, rows.body
-    z.size[0] = z.size[1] = 0
-    for j in range(size):
-        q = rows.now[j]
-        at, t = lane_of(q), bodies_of(q)
-        pace = max(-r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
-        enter(rows, q, k, v, z, x, y, angle, c, s, loads, begun)
-        z.known[q] = 2
-        for i in (body[t], body[t + LANES]):
-            z.pace[i] = max(z.pace[i], pace) if v.mobile[i] != 0.0 else 0.0
-
-    # Compression: an inelastic contact problem; what hits closes its gap now.
-    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
-    note_energy(k, z.ux, z.uy, z.uw, z)
-    limit_energy(rows, k, v, z)
-
-    # Decompression: at least e times the normal impulse of compression comes back.
-    note_energy(k, z.ux, z.uy, z.uw, z)
-    for j in range(z.size[1]):
-        i = z.tiles[j]
-        z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
-    size = ZERO
+def rebound(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> int:
+    """Give back at least e times the normal impulse of compression, where a point came fast enough
+    to bounce; returns how many rows, in ``rows.now``, push by it."""
+    r, body, size = rows.field, rows.body, ZERO
     for j in range(z.size[0]):
         q = z.rows[j]
         at, t = lane_of(q), bodies_of(q)
@@ -837,16 +814,13 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             z.known[q] = 2
             rows.now[size] = q
             size += 1
-    if size > 0:
-        before = z.size[1]
-        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
-        for j in range(before, z.size[1]):  # tiles that only this phase has reached
-            i = z.tiles[j]
-            z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
-                               + k.inertia * z.uw[i] * z.uw[i])
-        limit_energy(rows, k, v, z)
+    return size
 
-    leave_together(rows, k, v, z, x, y, c, s)
+
+@inline
+def restore(rows: Rows, k: Numbers, z: Scratch) -> None:
+    """Give the rows of an impact the impulses that they had before it, for the solve."""
+    r = rows.field
     for j in range(z.size[0]):
         q = z.rows[j]
         at = lane_of(q)
@@ -863,10 +837,13 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
                 r[at + BEND0] = r[at + BEND1] = r[at + WANTT] = 0.0
                 r[at + WANT0] = max(r[at + GAP0], 0.0) / k.h
                 r[at + WANT1] = max(r[at + GAP1], 0.0) / k.h
+
+
+@inline
+def put_back(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
+             y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """Let the tiles of an impact have come as they go now from the beginning of the substep on."""
     for j in range(z.size[1]):
-        if z.leans[z.tiles[j]] == ALONG:
-            part_from(rows, k, v, z, z.tiles[j], z.part[z.tiles[j]])
-    for j in range(z.size[1]):  # and back
         i, time = z.tiles[j], z.when[z.tiles[j]]
         redraw(rows, k, loads, v, z, c, s, i, z.part[i])
         share(v, z, i, -z.part[i])
@@ -876,7 +853,14 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
             angle[i] -= time * v.w[i]
             c[i], s[i] = cos_sin(angle[i])
             z.since[i] = time
-    # They hit next what is near, or what they are fast enough for, as they go now.
+
+
+@inline
+def look_on(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
+            y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
+    """Queue what the tiles of an impact hit next: what is near, or what they are fast enough for,
+    as they go now."""
+    r, body = rows.field, rows.body
     far = SPARE * k.width
     for j in range(z.size[1]):
         i = z.tiles[j]
@@ -893,3 +877,49 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         z.in_it[i] = 2  # its rows are done
     for j in range(z.size[1]):
         z.in_it[z.tiles[j]] = 0
+
+
+@inline
+def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
+             angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
+             size: int) -> None:
+    """Impulses of the `size` rows in ``rows.now``, that hit together, the first of them at the time
+    `begun` (s), and of what they reach."""
+    r, body = rows.field, rows.body
+    z.size[0] = z.size[1] = 0
+    for j in range(size):
+        q = rows.now[j]
+        at, t = lane_of(q), bodies_of(q)
+        pace = max(-r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
+        enter(rows, q, k, v, z, x, y, angle, c, s, loads, begun)
+        z.known[q] = 2
+        for i in (body[t], body[t + LANES]):
+            z.pace[i] = max(z.pace[i], pace) if v.mobile[i] != 0.0 else 0.0
+
+    # Compression: an inelastic contact problem; what hits closes its gap now.
+    settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
+    note_energy(k, z.ux, z.uy, z.uw, z)
+    limit_energy(rows, k, v, z)
+
+    # Decompression: at least e times the normal impulse of compression comes back.
+    note_energy(k, z.ux, z.uy, z.uw, z)
+    for j in range(z.size[1]):
+        i = z.tiles[j]
+        z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
+    size = rebound(rows, k, v, z)
+    if size > 0:
+        before = z.size[1]
+        settle(rows, k, v, z, x, y, angle, c, s, loads, begun, size)
+        for j in range(before, z.size[1]):  # tiles that only this phase has reached
+            i = z.tiles[j]
+            z.most[i] = 0.5 * (k.mass * (z.ux[i] * z.ux[i] + z.uy[i] * z.uy[i])
+                               + k.inertia * z.uw[i] * z.uw[i])
+        limit_energy(rows, k, v, z)
+
+    leave_together(rows, k, v, z, x, y, c, s)
+    restore(rows, k, z)
+    for j in range(z.size[1]):
+        if z.leans[z.tiles[j]] == ALONG:
+            part_from(rows, k, v, z, z.tiles[j], z.part[z.tiles[j]])
+    put_back(rows, k, loads, v, z, x, y, angle, c, s)
+    look_on(rows, k, loads, v, z, x, y, angle, c, s)
