@@ -780,8 +780,10 @@ def test_the_interval_covers_what_few_runs_have_much_of():
     ("merit.md", lambda: merit.report(DATA / "campaign", HERE / "campaign.toml")),
     ("again.md", lambda: again.report(DATA / "again", HERE / "again.toml")),
     ("step.md", lambda: step_study.report(DATA / "step", HERE / "step.toml")),
-    ("step_shaken.md", lambda: step_study.report(DATA / "step_shaken", HERE / "step_shaken.toml")),
-    ("step_self.md", lambda: step_study.report(DATA / "step_self", HERE / "step_self.toml")),
+    pytest.param("step_shaken.md", lambda: step_study.report(
+        DATA / "step_shaken", HERE / "step_shaken.toml"), marks=pytest.mark.slow),
+    pytest.param("step_self.md", lambda: step_study.report(
+        DATA / "step_self", HERE / "step_self.toml"), marks=pytest.mark.slow),
     ("calibration.md", lambda: calibrate.report(
         {name: DATA / file.stem for name, file in calibrate.FILES.items()})[0])])
 def test_the_reports_are_those_of_the_data_that_are_kept(file, text):

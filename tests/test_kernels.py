@@ -483,7 +483,7 @@ def test_what_a_row_is_left_with_by_one_step_is_not_read_in_the_next(substeps):
     (56, 2, {}), (56, 3, {"wall": "circle"}), (50, 2, {"law": "coupled"}),
     (50, 2, {"law": "exact"}), (50, 2, {"passes": 20, "at_rest": 0.1}), (7, 2, {"passes": 20}),
     # Overlaps: long lists of what is to be projected.
-    (50, 3, {"apart": 0.995, "checked": False})])
+    pytest.param(50, 3, {"apart": 0.995, "checked": False}, marks=pytest.mark.slow)])
 def test_threads_do_not_change_a_bit(side, threads, options):
     """As many tiles as they share, and as few as one of them does alone."""
     chosen = field_of_tiles(side, **options)

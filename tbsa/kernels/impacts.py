@@ -780,7 +780,7 @@ def keep_together(rows: Rows, k: Numbers, z: Scratch) -> None:
 
 
 @inline
-def rebound(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> int:
+def rebound(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> Any:
     """Give back at least e times the normal impulse of compression, where a point came fast enough
     to bounce; returns how many rows, in ``rows.now``, push by it."""
     r, body, size = rows.field, rows.body, ZERO
