@@ -819,7 +819,8 @@ def rebound(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> Any:
 
 @inline
 def restore(rows: Rows, k: Numbers, z: Scratch) -> None:
-    """Give the rows of an impact the impulses that they had before it, for the solve."""
+    """Give the rows of an impact the impulses that they had before it, for the solve, and take from
+    those of its tiles the bends of spins that they no longer have."""
     r = rows.field
     for j in range(z.size[0]):
         q = z.rows[j]
@@ -842,7 +843,7 @@ def restore(rows: Rows, k: Numbers, z: Scratch) -> None:
 @inline
 def put_back(rows: Rows, k: Numbers, loads: Loads, v: Bodies, z: Scratch, x: np.ndarray,
              y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray) -> None:
-    """Let the tiles of an impact have come as they go now from the beginning of the substep on."""
+    """Put the tiles of an impact to where they would have begun the substep, as they go now."""
     for j in range(z.size[1]):
         i, time = z.tiles[j], z.when[z.tiles[j]]
         redraw(rows, k, loads, v, z, c, s, i, z.part[i])
