@@ -22,11 +22,12 @@ from tbsa.kernels.crew import LEAST_TILES, LINE, SCALE, WORK, Crew, collect, giv
 from tbsa.kernels.floor import FloorLaw, floor_impulse
 from tbsa.kernels.jit import YES, ZERO, U, apart, inline, lane, rolled
 from tbsa.kernels.momentum import PLAIN, hasten
-from tbsa.kernels.rows import BLOCK, BODIES, COLOURS, LANES, PN0, PN1, PT, Rows
+from tbsa.kernels.rows import BLOCK, COLOURS, LANES, PN0, PN1, PT, Rows, bodies_of, lane_of
 from tbsa.kernels.sweeps import (
     LITTLE,
     LONG,
     MANY,
+    floor_below,
     part_of,
     queue_changed,
     sweep_floor,
@@ -141,36 +142,30 @@ def find_scales(rows: Rows, v: Bodies, u: Bodies, begin: int, end: int) -> int:
 
 
 @apart
-def really_works(k: Numbers, floor: FloorLaw, island: np.ndarray, c: np.ndarray, s: np.ndarray,
-                 v: Bodies, u: Bodies) -> bool:
-    """Of the islands that are to be scaled, let those alone whose contacts have done no work beside
-    the floor, and put the scales of the others right; returns whether there are any.
+def really_works(k: Numbers, floor: FloorLaw, island: np.ndarray, tiles: np.ndarray, size: int,
+                 c: np.ndarray, s: np.ndarray, v: Bodies, u: Bodies) -> None:
+    """Of the islands that are to be scaled, which have these `size` tiles, let those alone whose
+    contacts have done no work beside the floor, and put the scales of the others right.
 
     What the floor would do without the contacts, it does before them: a tile that it holds against
     its load does not move, and what pushes it the same way does no work.  The motion with contacts
     and the one without are least of the same convex function, where contacts are smooth, so that
     the work between them is never positive in a solved problem.
     """
-    n, first, m, inertia = U(k.n), U(k.front), 1.0 / k.im, 1.0 / k.ii
-    R, Q = floor.force * k.h, floor.torque * k.h
+    m, inertia, R, Q = 1.0 / k.im, 1.0 / k.ii, floor.force * k.h, floor.torque * k.h
     scale, energy, power = u.change, u.floorx, u.floory
-    for i in range(first, n):
-        energy[i] = power[i] = 0.0
-    for i in range(first, n):
-        p = island[i]
-        if scale[p] == 1.0:
-            continue
+    for j in range(size):
+        energy[tiles[j]] = power[tiles[j]] = 0.0
+    for j in range(size):
+        i = U(tiles[j])
         px, py, pt, _, _ = floor_impulse(floor.law, v.startx[i], v.starty[i], v.startw[i], u.vx[i],
                                          u.vy[i], u.w[i], m, inertia, R, Q, c[i], s[i])
         some, more = work_between(k, v, u, i, px, py, pt)
-        energy[p] += some
-        power[p] += more
-    works = False
-    for i in range(first, n):
-        if scale[i] != 1.0:
-            scale[i] = scale_of(energy[i], power[i])
-            works |= scale[i] != 1.0
-    return works
+        energy[island[i]] += some
+        power[island[i]] += more
+    for j in range(size):
+        i = U(tiles[j])
+        scale[i] = scale_of(energy[i], power[i]) if island[i] == i else 1.0
 
 
 @inline
@@ -203,10 +198,15 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.nda
     if some == 0:
         return
     scale = power
-    scale[n] = 1.0
-    if floor.law != 0 and not really_works(k, floor, island, c, s, v, u):
-        return
+    tiles, size = v.stirred, ZERO
     for i in range(U(k.front), n):
+        tiles[size] = i
+        size += 1 if scale[island[i]] != 1.0 else 0
+    if floor.law != 0:
+        really_works(k, floor, island, tiles, size, c, s, v, u)
+    r, body, mobile = rows.field, rows.body, v.mobile
+    for j in range(size):
+        i = tiles[j]
         part = scale[island[i]]
         if part == 1.0:
             continue
@@ -214,14 +214,11 @@ def limit_work(rows: Rows, k: Numbers, floor: FloorLaw, c: np.ndarray, s: np.nda
         vy[i] = uy[i] + part * (vy[i] - k.im * floory[i] - uy[i])
         w[i] = uw[i] + part * (w[i] - k.ii * floort[i] - uw[i])
         floorx[i] = floory[i] = floort[i] = 0.0
-    r, body, mobile = rows.field, rows.body, v.mobile
-    for block in range(rows.first[COLOURS]):
-        o, t = U(block) * BLOCK, U(block) * BODIES
-        for i in range(LANES):
-            a, b = body[t + i], body[t + LANES + i]
-            part = scale[island[a if mobile[a] != 0.0 else b]]
-            r[o + PN0 + i] *= part
-            r[o + PN1 + i] *= part
-            r[o + PT + i] *= part
-    if floor.law != 0:
-        sweep_floor(floor, k, c, s, v, crew)
+        if floor.law != 0:
+            floor_below(floor.law, i, floor, k, c, s, v)
+        for p in range(rows.start[i], rows.start[i + 1]):
+            at, t = lane_of(rows.of[p]), bodies_of(rows.of[p])
+            if body[t] == i or mobile[body[t]] == 0.0:  # of two tiles the first one scales it
+                r[at + PN0] *= part
+                r[at + PN1] *= part
+                r[at + PT] *= part
