@@ -12,6 +12,7 @@ Tiles that turn as one, as those of a block do, see nothing of it.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,22 @@ def places_of(x: np.ndarray, y: np.ndarray, v: Bodies, time: float, a: int, b: i
     return float(min(max(math.ceil(turn / FAR), 1), MOST_PLACES))
 
 
+@lane
+def reach_of(law: MagnetLaw, x: np.ndarray, y: np.ndarray, v: Bodies, half: float, a: int,
+             b: int) -> Any:
+    """From centre to centre of two tiles (m) a time `half` (s) from now; and up to which squares of
+    distances (m^2) a magnet of a from the centre of b, and one of b from that of a, is then within
+    reach of any magnet of the other tile, at some time between now and as long after.
+
+    That other magnet is somewhere on its circle, and this one has not gone far along its own.
+    """
+    ux, uy = v.vx[b] - v.vx[a], v.vy[b] - v.vy[a]
+    reach = law.cutoff + law.offset + half * math.sqrt(ux * ux + uy * uy)
+    of_a = reach + law.offset * min(half * abs(v.w[a]), 2.0)
+    of_b = reach + law.offset * min(half * abs(v.w[b]), 2.0)
+    return x[b] - x[a] + half * ux, y[b] - y[a] + half * uy, of_a * of_a, of_b * of_b
+
+
 @inline
 def add_mean_forces(law: MagnetLaw, near: MagnetPairs, time: float, x: np.ndarray, y: np.ndarray,
                     angle: np.ndarray, v: Bodies, fx: np.ndarray, fy: np.ndarray,
@@ -65,7 +82,8 @@ def add_mean_forces(law: MagnetLaw, near: MagnetPairs, time: float, x: np.ndarra
     """Put the mean forces (N, N m) in this time (s) from now in place of those in its middle,
     between tiles that turn far in it, as `any_turns_far` has told, and go from x, y, angle."""
     p, q, some, far, turns, places_at = near.p, near.q, near.some, near.far, near.turns, near.ways
-    size, last_a, last_b, places = ZERO, U(0), U(0), 1.0
+    ax, ay = near.ax, near.ay
+    size, last_a, last_b, places, dx, dy, of_a, of_b = ZERO, U(0), U(0), 1.0, 0.0, 0.0, 0.0, 0.0
     for start in range(0, near.size[0], CHUNK):
         o, found = U(start), U(0)
         for i in range(U(min(near.size[0] - start, CHUNK))):
@@ -77,8 +95,13 @@ def add_mean_forces(law: MagnetLaw, near: MagnetPairs, time: float, x: np.ndarra
             a, b = U(p[pair]) >> U(2), U(q[pair]) >> U(2)
             if a != last_a or b != last_b:  # all pairs of magnets of two tiles stand together
                 places, last_a, last_b = places_of(x, y, v, time, a, b), a, b
+                dx, dy, of_a, of_b = reach_of(law, x, y, v, 0.5 * time, a, b)
             far[size], places_at[U(size) + PLACES] = pair, places
-            size += 1 if places > 1.0 else 0
+            # From the magnet of a to the centre of b, and from the centre of a to the magnet of b.
+            px, py, qx, qy = (dx - ax[U(p[pair])], dy - ay[U(p[pair])], dx + ax[U(q[pair])],
+                              dy + ay[U(q[pair])])
+            meet = (px * px + py * py < of_a) & (qx * qx + qy * qy < of_b)
+            size += 1 if (places > 1.0) & meet else 0
             if size == FEW:
                 exchange(law, near, size, time, x, y, angle, v, fx, fy, torque)
                 size = ZERO
