@@ -932,6 +932,29 @@ def test_a_drive_that_a_run_cannot_bear_is_refused_before_it_runs(tmp_path, line
         assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(("line", "name"), [
+    ("fx = fx + p[0] * family", "fx"), ("fy: float = 0.1", "fy"), ("vx, torque = x, y", "torque"),
+    ("for fx in x: fx += p[0]", "fx"), ("if t > 1.0:\n        fx, fy = x, y", "fx")])
+def test_a_drive_whose_forces_would_be_lost_is_refused(tmp_path, line, name):
+    """Python's arguments are names: what is bound to one is not seen by who has called."""
+    scene = driven(tmp_path, f"{DRIVE}    {line}\n")
+    with pytest.raises(InputError, match=rf"must add to {name}, as by .*\(line [56]\)"):
+        tbsa.run(scene, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_drive_may_add_to_whole_arrays_and_use_names_of_its_own(tmp_path):
+    head = DRIVE.partition("    for")[0]
+    scene = driven(tmp_path, f"{head}    f = lambda fx: 2.0 * fx\n    fx += f(p[0])\n"
+                             "    fy -= p[0] * family\n    torque[:] = 0.0\n")
+    s = Simulation(scene)
+    fx, fy = np.zeros((2, 31))
+    s.engine(0.0, s.parameters, *np.zeros((6, 31)), np.ones(31), np.zeros(31), fx, fy,
+             np.zeros(31))
+    assert fx == pytest.approx(0.2)
+    assert fy == pytest.approx(-0.1)
+
+
 @pytest.mark.parametrize("body", [
     "a.flat[0] += 1.0", "for b in np.nditer(a): b[()] = 1.0", "deeper(a)",
     "np.fill_diagonal(np.expand_dims(a, 0), 1.0)"])

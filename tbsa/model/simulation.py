@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import functools
 import inspect
@@ -569,7 +570,32 @@ def _user_function(scene: Scene) -> Callable[..., None]:
     if inspect.isgeneratorfunction(function):
         raise InputError("must be a function that returns, not one that yields", file=scene.file,
                          field="drive.function", value=drive.function)
+    if (lost := _lost(engine_source(scene), drive.function)) is not None:
+        raise InputError(f"must add to {lost.id}, as by {lost.id}[:] += or {lost.id}[i] +=, and "
+                         "gives the name to something else, which does nothing "
+                         f"(line {lost.lineno})",
+                         file=scene.file, field="drive.function", value=drive.function)
     return function
+
+
+def _lost(source: bytes, name: str) -> ast.Name | None:
+    """Where a drive makes another array of fx, fy or torque, as by ``fx = fx + force``: only what
+    is added to those that it was given is ever seen."""
+    for drive in reversed(ast.parse(source).body):
+        if isinstance(drive, ast.FunctionDef) and drive.name == name:
+            results = [each.arg for each in (*drive.args.posonlyargs, *drive.args.args)][10:]
+            return next((each for each in _bound(drive) if each.id in results), None)
+    return None
+
+
+def _bound(node: ast.AST) -> Iterator[ast.Name]:
+    """The names that a function binds, but not by ``+=``, which adds to an array in its place."""
+    for each in ast.iter_child_nodes(node):
+        if isinstance(each, ast.Name):
+            if isinstance(each.ctx, ast.Store) and not isinstance(node, ast.AugAssign):
+                yield each
+        elif not isinstance(each, ast.FunctionDef | ast.Lambda):  # have names of their own
+            yield from _bound(each)
 
 
 @functools.cache
