@@ -358,16 +358,31 @@ def test_records_beyond_the_checkpoint_are_written_again(scene, whole, tmp_path)
     assert same(folder, shorter) == []
 
 
-def test_what_a_power_cut_leaves_behind_the_checkpoint_is_written_again(scene, whole, tmp_path):
-    """The header of records.npy may reach the disk before the records do, which then are zeros."""
+@pytest.mark.parametrize(("zeros", "words"), [
+    (4000, "time: is damaged"), (0, "is damaged: mmap length is greater than file size")])
+def test_what_a_power_cut_leaves_behind_the_checkpoint_is_written_again(
+        scene, whole, tmp_path, zeros, words):
+    """The header of records.npy may reach the disk before the records do, which then are zeros, or
+    before the length of the file does."""
     folder = tmp_path / "cut"
     records.run(lasting(scene, 1.0), folder)
     data = (whole / "records.npy").read_bytes()
-    (folder / "records.npy").write_bytes(data[:-4000] + bytes(4000))
-    with pytest.raises(InputError, match=r"records\.npy: time: is damaged"):
+    (folder / "records.npy").write_bytes(data[:-4000] + bytes(zeros))
+    with pytest.raises(InputError, match=rf"records\.npy: {words}"):
         tbsa.read_run(folder)
     assert records.run(scene, folder, resume=True).finished
     assert same(folder, whole) == []
+
+
+@pytest.mark.parametrize("end", [1, 3000])
+def test_records_that_the_checkpoint_has_seen_must_be_there(scene, whole, tmp_path, end):
+    """Of a file that is cut within them nothing is taken for granted, nor is it touched."""
+    folder = shutil.copytree(whole, tmp_path / "short")
+    data = (folder / "records.npy").read_bytes()[:-end]
+    (folder / "records.npy").write_bytes(data)
+    with pytest.raises(InputError, match=r"records\.npy: is damaged"):
+        records.run(lasting(scene, 4.0), folder, resume=True)
+    assert (folder / "records.npy").read_bytes() == data
 
 
 READER = """

@@ -459,7 +459,7 @@ def _read_records(path: Path, layout: Layout, most: int | None = None) -> np.mem
     begin with."""
     _check_readable(path, "is missing")
     try:
-        data = np.load(path, mmap_mode="r", allow_pickle=False)[:most]
+        data = _mapped(path, most)
     except Exception as error:  # as in _read_arrays
         raise InputError(f"is damaged: {error}", file=str(path)) from None
     n = layout.x.size
@@ -481,6 +481,17 @@ def _read_records(path: Path, layout: Layout, most: int | None = None) -> np.mem
         raise InputError("is damaged: it has another checksum than when it was written",
                          file=str(path), field=f"record {k} ({data['time'][k]:.15g} s)")
     return data
+
+
+def _mapped(path: Path, most: int | None) -> Any:
+    """The entries, or so many at most: where a machine has died the header may tell of more than
+    have reached the disk behind those that a checkpoint has seen."""
+    if most is None:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    with open(path, "rb") as file:
+        np.lib.format.read_magic(file)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        return np.memmap(file, dtype, "r", file.tell(), (min(most, shape[0]), *shape[1:]))
 
 
 def _check_interval(folder: Path, info: dict[str, Any], scene: Scene) -> None:
