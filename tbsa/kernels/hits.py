@@ -31,7 +31,7 @@ class Scratch(NamedTuple):
     """Scratch of the impacts, by rows (WIDE block + lane) and by bodies."""
 
     queue: Queue  # the rows that hit, by when in the substep (s)
-    known: np.ndarray  # int64, 0, or how a row takes part: 1 waiting, 2 to be solved
+    known: np.ndarray  # int64, 0, or whether a row takes part, and how
     rows: np.ndarray  # int64, the rows that take part
     time: np.ndarray  # s, when in the substep the impact reaches a row
     in_it: np.ndarray  # int64[n], whether a tile takes part

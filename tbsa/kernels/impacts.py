@@ -97,6 +97,9 @@ from tbsa.kernels.sweeps import solve_row
 SPREAD, ROUGH, FINE = 0.05, 10.0, 1e-4
 # It has as many passes at least, as nothing gives back what it leaves; n tiles in a row need n^2.
 AT_LEAST = 1000
+# In ``known``: a row that takes part, as it hits or touches, or is not in contact after all; one on
+# the list of the next pass; one whose gap is open at the time of the impact: it does not take part.
+HITS, TOUCHES, PARTS, QUEUED, OPEN = 1, 2, 3, 4, 5
 # What was pressed, and is yet, has no further gap than this (widths) at the time of an impact.
 BARELY = 1e-4
 # What is thrown may hit again in the same substep, so many times; then the solve stops it.
@@ -366,6 +369,14 @@ def gap_in(r: np.ndarray, gap: int, time: float) -> float:
 
 
 @inline
+def ask_again(rows: Rows, z: Scratch, tile: int) -> None:
+    """The tile goes otherwise than when rows of it were found OPEN."""
+    for p in range(rows.start[tile], rows.start[tile + 1]):
+        row = rows.of[p]
+        z.known[row] = 0 if z.known[row] == OPEN else z.known[row]
+
+
+@inline
 def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
           y: np.ndarray, angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads,
           begun: float) -> None:
@@ -401,6 +412,7 @@ def enter(rows: Rows, q: int, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray,
                 c[i], s[i] = cos_sin(angle[i])
             share(v, z, i, z.part[i])
             z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
+            ask_again(rows, z, i)
         moved |= z.when[i] > 0.0
     hit = r[at + HIT]
     if moved:
@@ -470,6 +482,23 @@ def left_of(k: Numbers, pace: float) -> float:
     return min(ROUGH * k.tolerance, max(k.tolerance, SPREAD * pace))
 
 
+@lane
+def settled(r: np.ndarray, q: int) -> int:
+    """What is known of row q, of an impact, that is not on a list."""
+    i = lane_of(q)
+    return (HITS if r[i + HIT] != 0.0 else TOUCHES) if r[i + COUNT] != 0.0 else PARTS
+
+
+@inline
+def takes_part(rows: Rows, q: int, k: Numbers, loads: Loads, v: Bodies, z: Scratch) -> bool:
+    """Whether row q, that an impact has come to, touches at its time, or has been left together."""
+    r, i = rows.field, lane_of(q)
+    if r[i + COUNT] == 0.0:
+        return False
+    gap = nearest_in(rows, q, k, loads, v, z, z.time[q])
+    return bool(gap <= touching(r, i, k) or z.points[q] & 3 != 0)
+
+
 @inline
 def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.ndarray,
            angle: np.ndarray, c: np.ndarray, s: np.ndarray, loads: Loads, begun: float,
@@ -491,7 +520,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
         m = ZERO
         for j in range(size):
             q = now[j]
-            known[q] = 1
+            known[q] = settled(r, q)
             change = solve_row(rows, q, k.per_mass, v)
             if p == 0:
                 change = max(change, r[lane_of(q) + BASE] * r[lane_of(q) + K00])
@@ -500,26 +529,26 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
             rough = left_of(k, fastest)
             if change <= min(rough, FINE * max(fastest, k.tolerance)):
                 continue
+            much, time = change > rough, z.time[q]
             for tile in (body[t], body[t + LANES]):
                 if mobile[tile] == 0.0:
                     continue
                 pace[tile] = fastest
                 for o in range(start[tile], start[tile + 1]):
+                    # Written in any case and kept by moving on, as no branch can be foreseen.
                     other = of[o]
-                    i = lane_of(other)
-                    if known[other] == 2 or r[i + COUNT] == 0.0:
-                        continue
-                    if change <= rough and (known[other] == 0 or r[i + HIT] == 0.0):
-                        continue
-                    if known[other] == 0:
-                        gap = nearest_in(rows, other, k, loads, v, z, z.time[q])
-                        if gap > touching(r, i, k) and z.points[other] & 3 == 0:
-                            continue  # what is thrown at it hits it in the next round
-                        z.time[other] = z.time[q]
-                        enter(rows, other, k, v, z, x, y, angle, c, s, loads, begun)
-                    known[other] = 2
-                    then[m] = other
-                    m += 1
+                    how = known[other]
+                    again = (how == HITS) | (much & (how == TOUCHES))
+                    then[m], known[other] = other, QUEUED if again else how
+                    m += 1 if again else 0
+                    if much & ((how == 0) | ((how == OPEN) & (z.time[other] != time))):
+                        z.time[other] = time
+                        if takes_part(rows, other, k, loads, v, z):
+                            enter(rows, other, k, v, z, x, y, angle, c, s, loads, begun)
+                            known[other] = QUEUED
+                            m += 1
+                        else:  # what is thrown at it hits it in the next round
+                            known[other] = OPEN
         if m == 0:
             break
         for j in range(m):
@@ -527,7 +556,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
         size = m
     z.size[5] |= 1 if m > 0 else 0
     for j in range(size):
-        known[now[j]] = 1
+        known[now[j]] = settled(r, now[j])
 
 
 @inline
@@ -811,7 +840,7 @@ def rebound(rows: Rows, k: Numbers, v: Bodies, z: Scratch) -> Any:
             v.vx[b] += mb * nx * (p0 + p1)
             v.vy[b] += mb * ny * (p0 + p1)
             v.w[b] += k.per_mass * mb * (r[at + BN0] * p0 + r[at + BN1] * p1)
-            z.known[q] = 2
+            z.known[q] = QUEUED
             rows.now[size] = q
             size += 1
     return size
@@ -832,6 +861,7 @@ def restore(rows: Rows, k: Numbers, z: Scratch) -> None:
         note_together(rows, q, k, z)
     for j in range(z.size[1]):
         i = z.tiles[j]
+        ask_again(rows, z, i)
         for p in range(rows.start[i], rows.start[i + 1]):
             at = lane_of(rows.of[p])
             if r[at + COUNT] != 0.0:  # bends were those of other spins
@@ -893,7 +923,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
         at, t = lane_of(q), bodies_of(q)
         pace = max(-r[at + VN0], -r[at + VN1] if r[at + COUNT] == 2.0 else 0.0)
         enter(rows, q, k, v, z, x, y, angle, c, s, loads, begun)
-        z.known[q] = 2
+        z.known[q] = QUEUED
         for i in (body[t], body[t + LANES]):
             z.pace[i] = max(z.pace[i], pace) if v.mobile[i] != 0.0 else 0.0
 
@@ -907,6 +937,7 @@ def together(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np
     for j in range(z.size[1]):
         i = z.tiles[j]
         z.ux[i], z.uy[i], z.uw[i] = v.vx[i], v.vy[i], v.w[i]
+        ask_again(rows, z, i)
     size = rebound(rows, k, v, z)
     if size > 0:
         before = z.size[1]
