@@ -483,8 +483,8 @@ def left_of(k: Numbers, pace: float) -> float:
 
 
 @lane
-def settled(r: np.ndarray, q: int) -> int:
-    """What is known of row q, of an impact, that is not on a list."""
+def role_of(r: np.ndarray, q: int) -> int:
+    """How row q takes part in an impact: HITS, TOUCHES or PARTS."""
     i = lane_of(q)
     return (HITS if r[i + HIT] != 0.0 else TOUCHES) if r[i + COUNT] != 0.0 else PARTS
 
@@ -520,7 +520,7 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
         m = ZERO
         for j in range(size):
             q = now[j]
-            known[q] = settled(r, q)
+            known[q] = role_of(r, q)
             change = solve_row(rows, q, k.per_mass, v)
             if p == 0:
                 change = max(change, r[lane_of(q) + BASE] * r[lane_of(q) + K00])
@@ -555,8 +555,8 @@ def settle(rows: Rows, k: Numbers, v: Bodies, z: Scratch, x: np.ndarray, y: np.n
             now[j] = then[j]
         size = m
     z.size[5] |= 1 if m > 0 else 0
-    for j in range(size):
-        known[now[j]] = settled(r, now[j])
+    for j in range(m):
+        known[now[j]] = role_of(r, now[j])
 
 
 @inline

@@ -572,7 +572,7 @@ def _user_function(scene: Scene) -> Callable[..., None]:
                          field="drive.function", value=drive.function)
     if (lost := _lost(engine_source(scene), drive.function)) is not None:
         raise InputError(f"must add to {lost.id}, as by {lost.id}[:] += or {lost.id}[i] +=, and "
-                         "gives the name to something else, whose forces nobody sees "
+                         "gives the name to something else, whose forces may be lost "
                          f"(line {lost.lineno})",
                          file=scene.file, field="drive.function", value=drive.function)
     return function
