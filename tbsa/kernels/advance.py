@@ -270,13 +270,20 @@ def add_thrown(k: Numbers, time: float, state: State, work: Work, counts: Counts
 
     Where they are many, or do not fit, all rows are found anew after the substep.
     """
-    n, x, y, angle, v = k.n, state.x, state.y, state.angle, work.bodies
+    n, x, y, angle, v, z = k.n, state.x, state.y, state.angle, work.bodies, work.scratch
     if all_known(work.rows):
         return False
-    further = beyond(k, time, x, y, angle, work)
+    # Of what an impact may have reached, which is little of a large scene.
+    further = ZERO
+    set_all(v.moved, n + 1, ZERO)
+    for j in range(z.size[2]):
+        further += mark_beyond(k, time, x, y, angle, work, z.pulled[j], z.pulled[j] + 1)
     if further == 0 or further > max(n // FEW_TILES, FEW_TILES):
         return False
-    assume(k, time, NO, x, y, angle, work, ZERO, n)
+    for j in range(z.size[2]):
+        i = z.pulled[j]
+        if v.moved[i] != 0:
+            assume(k, time, YES, x, y, angle, work, i, i + 1)
     found = add_rows(work.rows, work.pairs, k, x, y, angle, work.c, work.s, v.mobile, v.moved,
                      work.way, work.far, widest(n, x, y, work.pairs, work.way))
     counts.surprises[0] += 1
