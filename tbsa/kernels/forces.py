@@ -21,7 +21,7 @@ from tbsa.kernels.magnets import (
 )
 from tbsa.kernels.mean_forces import add_mean_forces
 from tbsa.kernels.motion import turn
-from tbsa.kernels.neighbours import list_pairs, stale
+from tbsa.kernels.neighbours import FEW_LATE, list_again, list_pairs, stale
 from tbsa.kernels.state import MORE_MAGNETS, MORE_PAIRS, NOT_FINITE, OK, Counts, Tiles, Work
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
@@ -44,19 +44,25 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     """Bring the pair list up to date, if a tile that goes as `need` (m) may come too far.
 
     A list has a margin for every tile, after its speed, so that a single fast one does not make
-    it long or short-lived for all.  In the middle of a step (`ahead` 0) there are no margins, so
-    that the list fits in where a longer one has.  Returns an error word.
+    it long or short-lived for all; where few come too far, theirs alone are listed again.  In the
+    middle of a step (`ahead` 0) there are no margins, so that the list fits in where a longer one
+    has.  Returns an error word.
     """
     margin, pairs, vx, vy = work.margin, work.pairs, work.bodies.vx, work.bodies.vy
-    if ahead * k.keep_lists == ahead and not stale(pairs, k.n, x, y, need):
+    too_far = stale(pairs, k.n, x, y, need)
+    if ahead * k.keep_lists == ahead and too_far == 0:
         return OK
     most = PAIR_MOST * k.width * max(1.0, PAIR_FEW / k.n)
     for i in range(U(k.n)):
         pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
         way = min(PAIR_STEPS * k.substeps * k.h * pace, most)
         margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
-    found = list_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
-    counts.lists[0] += 1
+    found = -1
+    if k.keep_lists != 0 and too_far + pairs.late[k.n] <= k.n // FEW_LATE:
+        found = list_again(pairs, k.n, x, y, tiles.mobile, reach, margin)
+    if found < 0 or not fits(found, ahead, pairs.room):
+        found = list_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
+        counts.lists[0] += 1
     if found < 0:
         return NOT_FINITE
     return OK if fits(found, ahead, pairs.room) else MORE_PAIRS

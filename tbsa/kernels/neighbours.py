@@ -9,11 +9,13 @@ import numpy as np
 
 from tbsa.kernels.arrays import copy, lean, set_all
 from tbsa.kernels.crew import LEAST_TILES, LINE, PAIRS, Crew, collect, give, share
-from tbsa.kernels.jit import ZERO, U, inline, kernel, lane, rolled
+from tbsa.kernels.jit import ZERO, U, apart, inline, kernel, lane, rolled
 
 # Cells, up to which they are told apart; and tiles that one has in the cells of all, itself among
 # them, in the mean, with which these are too crowded.
 FARTHEST, CROWDED = 1e9, 8
+# Up to one tile in so many has its pairs listed again, beside those of all others.
+FEW_LATE = 16
 
 
 class Pairs(NamedTuple):
@@ -29,7 +31,12 @@ class Pairs(NamedTuple):
     room: int
     x: np.ndarray  # float64[n], where the tiles were
     y: np.ndarray
+    fromx: np.ndarray  # float64[n], where those were then, or later, whose pairs are as of later
+    fromy: np.ndarray
     margin: np.ndarray  # float64[n], m, how far each may go from there; -1: never built
+    late: np.ndarray  # int64[n + 1], whether that is later; and how many there are
+    again: np.ndarray  # int64[n], which they are
+    more: np.ndarray  # int64[n], scratch
     first: np.ndarray  # int64[cells + 1], where the tiles of every cell begin in ...
     inside: np.ndarray  # int64[n]
     corner: np.ndarray  # float64[3], m, the least x and y of the tiles, and the size of a cell
@@ -42,7 +49,9 @@ def empty_pairs(n: int, capacity: int) -> Pairs:
     """Space for the pairs of `n` tiles."""
     return Pairs(
         np.zeros(n + 1, np.int64), np.zeros(capacity, np.int64), capacity, np.zeros(n),
-        np.zeros(n), np.full(n, -1.0), np.zeros(int(2.0 * n**0.5 + 4.0) ** 2 + 1, np.int64),
+        np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, -1.0), np.zeros(n + 1, np.int64),
+        np.zeros(n, np.int64), np.zeros(n, np.int64),
+        np.zeros(int(2.0 * n**0.5 + 4.0) ** 2 + 1, np.int64),
         np.zeros(n, np.int64), np.zeros(3), np.zeros(4, np.int64),
     )
 
@@ -67,16 +76,17 @@ def span(way: float, far: float, cell: float, cells: int, last: int) -> Any:
 
 
 @rolled
-def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -> bool:
-    """Whether a tile that goes as `far` as this from here (m) may come to where it has pairs
-    that are not on the list."""
-    px, py, margin = pairs.x, pairs.y, pairs.margin
+def stale(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, far: np.ndarray) -> int:
+    """How many tiles, in ``more``, may come to where they have pairs that are not on the list, if
+    they go as `far` as this from here (m)."""
+    px, py, margin, more = pairs.fromx, pairs.fromy, pairs.margin, pairs.more
     some = 0
     for i in range(U(n)):
         dx, dy = x[i] - px[i], y[i] - py[i]
         room = margin[i] - far[i]  # comparisons so that what is not a number is stale
-        some += 0 if (room >= 0.0) & (dx * dx + dy * dy <= room * room) else 1
-    return some > 0
+        more[i] = 0 if (room >= 0.0) & (dx * dx + dy * dy <= room * room) else 1
+        some += more[i]
+    return some
 
 
 @inline
@@ -166,7 +176,95 @@ def list_pairs(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.nd
     copy(margin, pairs.margin, n)
     copy(x, pairs.x, n)
     copy(y, pairs.y, n)
+    copy(x, pairs.fromx, n)
+    copy(y, pairs.fromy, n)
+    set_all(pairs.late, n + 1, ZERO)
     return int(found)
+
+
+@apart
+def list_again(pairs: Pairs, n: int, x: np.ndarray, y: np.ndarray, mobile: np.ndarray,
+               reach: float, margin: np.ndarray) -> int:
+    """List the pairs that the `stale` tiles have, with these margins, besides those on the list.
+
+    The others stay as they are: they are found by the cells that they were put in, or, if they have
+    been listed again since, looked through.  Returns the number of all pairs, -1 where they do not
+    fit or a place is not finite.
+    """
+    start, other, late, again, near = pairs.start, pairs.other, pairs.late, pairs.again, pairs.more
+    px, py, room, old = pairs.fromx, pairs.fromy, pairs.room, start[n]
+    widest, new = 0.0, ZERO
+    for i in range(n):
+        if pairs.more[i] != 0:
+            if late[i] == 0:
+                again[late[n]] = i
+                late[n] += 1
+            late[i] = 2  # now
+            px[i], py[i], pairs.margin[i] = x[i], y[i], margin[i]
+            if not math.isfinite(x[i] + y[i] + margin[i]):
+                return -1
+        widest = max(widest, pairs.margin[i])
+    size = late[n]
+    for j in range(size):
+        a = again[j]
+        if late[a] != 2:
+            continue
+        far = reach + margin[a]
+        found = near_place(pairs, px[a], py[a], far + widest, near)
+        for p in range(found + size):
+            b = near[p] if p < found else again[p - found]
+            # Of two that are listed again now, by the first of them.
+            if b == a or (p < found and late[b] != 0) or (late[b] == 2 and b < a):
+                continue
+            dx, dy, room_ab = px[b] - px[a], py[b] - py[a], far + pairs.margin[b]
+            low, high = min(a, b), max(a, b)
+            if (dx * dx + dy * dy >= room_ab * room_ab or mobile[a] + mobile[b] == 0.0
+                    or is_listed(pairs, low, high)):
+                continue
+            new += 1
+            if old + 2 * new > room:
+                return -1
+            other[room - new] = low * n + high  # out of the way
+    insert_pairs(pairs, n, new)
+    for j in range(size):
+        late[again[j]] = 1
+    return int(start[n])
+
+
+@inline
+def is_listed(pairs: Pairs, a: int, b: int) -> bool:
+    """Whether the pair a < b is on the list."""
+    for k in range(pairs.start[a], pairs.start[a + 1]):
+        if pairs.other[k] >= b:
+            return bool(pairs.other[k] == b)
+    return False
+
+
+@inline
+def insert_pairs(pairs: Pairs, n: int, new: int) -> None:
+    """Put the pairs at the end of the space, as a n + b, where they belong on the list."""
+    start, other, more, room = pairs.start, pairs.other, pairs.more, pairs.room
+    set_all(more, n, ZERO)
+    for j in range(room - new, room):
+        more[other[j] // n] += 1
+    left, end = new, start[n]
+    start[n] += new
+    for a in range(n - 1, -1, -1):  # from the last one down, to where nothing is new
+        if left == 0:
+            break
+        left -= more[a]
+        for k in range(end - 1, start[a] - 1, -1):
+            other[k + left] = other[k]
+        end = start[a]
+        start[a] += left
+    for j in range(room - new, room):
+        a, b = other[j] // n, other[j] % n
+        k = start[a + 1] - more[a]
+        more[a] -= 1
+        while k > start[a] and other[k - 1] > b:
+            other[k] = other[k - 1]
+            k -= 1
+        other[k] = b
 
 
 @kernel
