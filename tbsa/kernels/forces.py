@@ -45,8 +45,8 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
 
     A list has a margin for every tile, after its speed, so that a single fast one does not make
     it long or short-lived for all; where few come too far, theirs alone are listed again.  In the
-    middle of a step (`ahead` 0) there are no margins, so that the list fits in where a longer one
-    has.  Returns an error word.
+    middle of a step (`ahead` 0), when it is too late for more space, one that does not fit with
+    margins has none.  Returns an error word.
     """
     margin, pairs, vx, vy = work.margin, work.pairs, work.bodies.vx, work.bodies.vy
     too_far = stale(pairs, k.n, x, y, need)
@@ -56,16 +56,22 @@ def find_pairs(k: Numbers, reach: float, tiles: Tiles, x: np.ndarray, y: np.ndar
     for i in range(U(k.n)):
         pace = math.sqrt(vx[i] * vx[i] + vy[i] * vy[i])
         way = min(PAIR_STEPS * k.substeps * k.h * pace, most)
-        margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i]) if ahead > 0 else need[i]
+        margin[i] = max(PAIR_ROOM * k.width + way, 1.5 * need[i])
     found = -1
     if k.keep_lists != 0 and too_far + pairs.late[k.n] <= k.n // FEW_LATE:
         found = list_again(pairs, k.n, x, y, tiles.mobile, reach, margin)
-    if found < 0 or not fits(found, ahead, pairs.room):
+    if found >= 0 and fits(found, 1, pairs.room):
+        return OK
+    counts.lists[0] += 1
+    for bare in range(2 - ahead):
+        if bare != 0:
+            copy(need, margin, k.n)
         found = list_pairs(pairs, k.n, x, y, tiles.mobile, reach, margin, work.crew)
-        counts.lists[0] += 1
-    if found < 0:
-        return NOT_FINITE
-    return OK if fits(found, ahead, pairs.room) else MORE_PAIRS
+        if found < 0:
+            return NOT_FINITE
+        if fits(found, 1 - bare, pairs.room):
+            return OK
+    return MORE_PAIRS
 
 
 @inline
@@ -89,21 +95,25 @@ def find_magnets(k: Numbers, half: float, reach: float, tiles: Tiles, law: Magne
     if (ahead * k.keep_lists == ahead
             and not magnets_stale(near, k.n, law.offset, x, y, angle, need, turning)):
         return OK
-    if ahead > 0:
-        more, most, time = MAGNET_ROOM * k.width, MAGNET_MOST * k.width, k.substeps * k.h
+    counts.magnet_lists[0] += 1
+    more, most, time = MAGNET_ROOM * k.width, MAGNET_MOST * k.width, k.substeps * k.h
+    for bare in range(2 - ahead):
         for i in range(U(k.n)):
             centre, corners = time * pace[i], time * speed[i]
-            need[i] += more + max(centre, min(MAGNET_STEPS * centre, most))
-            turning[i] += more + max(corners, min(MAGNET_STEPS * corners, most))
-    error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
-    if error != OK:
-        return int(error)
-    if work.pairs.start[k.n] > 0:
-        turn(ZERO, k.n, angle, work.turned, work.c, work.s)
-    counts.magnet_lists[0] += 1
-    found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
-                         turning, near, work.crew)
-    return OK if fits(found, ahead, near.room) else MORE_MAGNETS
+            centre = more + max(centre, min(MAGNET_STEPS * centre, most))
+            corners = more + max(corners, min(MAGNET_STEPS * corners, most))
+            need[i] = until * pace[i] + (centre if bare == 0 else 0.0)
+            turning[i] = until * speed[i] + (corners if bare == 0 else 0.0)
+        error = find_pairs(k, reach, tiles, x, y, need, ahead, work, counts)
+        if error != OK:
+            return int(error)
+        if work.pairs.start[k.n] > 0:
+            turn(ZERO, k.n, angle, work.turned, work.c, work.s)
+        found = list_magnets(law, work.pairs, k.n, tiles.glues, x, y, angle, work.c, work.s, need,
+                             turning, near, work.crew)
+        if fits(found, 1 - bare, near.room):
+            return OK
+    return MORE_MAGNETS
 
 
 @rolled
