@@ -48,7 +48,7 @@ from tbsa.kernels.contacts import look, out_of_reach, place_block
 from tbsa.kernels.crew import empty_crew
 from tbsa.kernels.geometry import BLUNT, CIRCLE, RECTANGLE
 from tbsa.kernels.jit import kernel
-from tbsa.kernels.neighbours import build_pairs, empty_pairs, near_place
+from tbsa.kernels.neighbours import build_pairs, empty_pairs, list_again, near_place, stale
 from tbsa.kernels.queue import empty_queue, put, take
 from tbsa.kernels.rows import (
     BLOCK,
@@ -126,6 +126,56 @@ def test_the_pair_list_is_every_near_pair_in_order(places, n, seed):
     assert number == len(found)
     assert (pairs.margin == margin).all()
     assert (pairs.x == x).all()
+
+
+@kernel
+def listed_again(pairs, n, x, y, mobile, reach, margin, far):
+    pairs = lean(pairs)
+    late = stale(pairs, n, lean(x), lean(y), lean(far))
+    return late, list_again(pairs, n, lean(x), lean(y), lean(mobile), reach, lean(margin))
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(sorted(PLACES)), st.integers(2, 60), st.integers(0, 2**32 - 1))
+def test_what_has_come_too_far_is_listed_again_beside_the_others(places, n, seed):
+    """By turns some tiles leave their margins, a little or for quite another place, and get new
+    ones: the list has every pair that is near where its tiles count from, in order, and once."""
+    rng = np.random.default_rng(seed)
+    x, y = PLACES[places](rng, n)
+    mobile = (rng.random(n) < 0.7).astype(float)
+    margin, reach = rng.choice([0.01, 0.03], n), 0.05
+    _, _, pairs = listed(x, y, mobile, reach, margin)
+    fromx, fromy = x.copy(), y.copy()
+    for _ in range(4):
+        moved = rng.random(n) < 0.2
+        x[moved] += rng.normal(0.0, 0.1, moved.sum())
+        y[moved] += rng.normal(0.0, 0.1, moved.sum())
+        if rng.random() < 0.3:
+            x[moved], y[moved] = rng.choice(fromx), rng.choice(fromy)
+        need, new = rng.choice([0.0, 0.005], n), rng.choice([0.01, 0.03, 0.1], n)
+        late = np.hypot(x - fromx, y - fromy) > margin - need
+        fromx[late], fromy[late], margin[late] = x[late], y[late], new[late]
+        number, found = listed_again(pairs, n, x, y, mobile, reach, new, need)
+        assert number == late.sum()
+        pairs_of = [(a, int(b)) for a in range(n)
+                    for b in pairs.other[pairs.start[a] : pairs.start[a + 1]]]
+        assert found == len(pairs_of) == pairs.start[n]
+        assert pairs_of == sorted(set(pairs_of))
+        assert set(near_pairs(fromx, fromy, mobile, reach, margin)) <= set(pairs_of)
+        assert all(a < b and mobile[a] + mobile[b] > 0.0 for a, b in pairs_of)
+        assert (pairs.margin == margin).all()
+
+
+def test_what_is_listed_again_needs_space_and_a_place():
+    x, y, mobile = np.arange(40) * 0.1, np.zeros(40), np.ones(40)
+    room = np.full(40, 0.005)
+    for capacity, place, enough in ((4, 0.25, True), (3, 0.25, False), (4, np.nan, False)):
+        _, _, pairs = listed(x, y, mobile, 0.06, 0.0, capacity=capacity)
+        now = x.copy()
+        now[30] = place
+        late, found = listed_again(pairs, 40, now, y, mobile, 0.06, room, np.zeros(40))
+        assert late == 1
+        assert found == (2 if enough else -1)  # with tiles 2 and 3
 
 
 @pytest.mark.parametrize("far", [0.0, 1.0, 1e3, 1e6])
@@ -549,6 +599,18 @@ def test_results_do_not_depend_on_when_the_pair_list_was_built():
         always.advance(1)
     assert always.counts.lists[0] == 400 > 2 * rarely.counts.lists[0]
     assert (state(rarely) == state(always)).all()
+
+
+def test_one_fast_tile_does_not_have_the_pairs_of_all_listed_again():
+    """It flies past 90 others, 18 widths in a second."""
+    still = [tile(0.08 * i, 0.08 * j) for i in range(10) for j in range(9)]
+    fast = scene([*still, tile(-0.1, 0.04, vx=0.55)])
+    kept, anew = Simulation(fast), Simulation(with_solver(fast, keep_lists=False))
+    for s in (kept, anew):
+        s.run(1.0)
+    assert kept.counts.lists[0] == 1
+    assert kept._work.pairs.late[91] == 1
+    assert (state(kept) == state(anew)).all()
 
 
 def test_lists_kept_or_found_every_step_give_the_same_bits():
