@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -141,6 +142,24 @@ def test_a_trial_goes_on_where_the_scene_and_its_drive_were():
     assert abs(y[0]) > WIDTH
     assert overlap == 0.0
     assert cost > 0.0
+
+
+def test_the_cost_of_a_small_scene_is_that_of_its_steps():
+    """Not of the calls that look at it, which take longer than what is done between them."""
+    few = scene([tile(x * WIDTH, y * WIDTH) for x in (-4, -2, 0, 2, 4) for y in (-2, 0, 2)],
+                floor=Floor(), body=Material(), reactor=Reactor("circle", 1.0), step=1 / 120,
+                drive=Drive("unicycle", 3 * SLIDING, 0.0, 1.0), substeps=4)
+    first = Simulation(few)
+    first.run(0.5)
+    start, spent = layout_of(first), []
+    for _ in range(5):
+        clock = time.perf_counter()
+        first.run(2.0)
+        spent.append((time.perf_counter() - clock) / 2.0)
+    told = {n: trial_run(few, replace(few.solver, step=1 / n), start, 0.5, 0.25)[2]
+            for n in (120, 1920)}
+    assert told[120] < 5.0 * min(spent)
+    assert told[1920] > 3.0 * told[120]
 
 
 def test_overlap_that_was_there_at_the_start_is_no_settings_own():

@@ -114,7 +114,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
                          f"{getattr(finest, name):g}", file=scene.file or None,
                          field=f"solver.{name}", value=getattr(scene.solver, name))
     total = len(settings) + 1
-    truth, _, _ = _run(scene, finest, start, begun, horizon, 1)
+    truth, _, _ = _run(scene, finest, start, begun, horizon, 0)
     free, size = ~start.held, scene.material.width
     way = np.sqrt(((truth - _places(first)) ** 2).sum(axis=0))[free]
     if not (way > STILL * size).any():
@@ -195,24 +195,37 @@ def _places(s: Simulation) -> NDArray[np.float64]:
 def _run(scene: Scene, solver: Solver, start: Layout, begun: float, horizon: float,
          repeats: int = REPEATS) -> tuple[NDArray[np.float64], float, float]:
     """Places at the end, shape (3, n) (m); deepest overlap (widths); s of wall for one s."""
-    least = np.inf
-    for _ in range(repeats):
-        s = Simulation(replace(scene, solver=solver), start)
-        s.steps = round(begun / s.h)  # the drive goes on where it was
-        steps, deepest, spent, done = round(horizon / s.h), 0.0, 0.0, 0
-        for look in range(1, LOOKS + 1):
-            now = round(steps * look / LOOKS)
-            if now == done:
-                continue
-            clock = time.perf_counter()
-            s.advance(now - done)
-            spent += time.perf_counter() - clock
-            done = now
-            deepest = max(deepest, _overlap(s, start))
-        least = min(least, spent)
-        if spent > SHORT:
-            break
-    return _places(s), deepest, least / horizon
+    s = _begin(scene, solver, start, begun)
+    steps, deepest, spent, done = round(horizon / s.h), 0.0, 0.0, 0
+    for look in range(1, LOOKS + 1):
+        now = round(steps * look / LOOKS)
+        if now == done:
+            continue
+        clock = time.perf_counter()
+        s.advance(now - done)
+        spent += time.perf_counter() - clock
+        done = now
+        deepest = max(deepest, _overlap(s, start))
+    if spent <= SHORT:  # the calls may take longer than what is done in them
+        spent = min([_spent(_begin(scene, solver, start, begun), steps) for _ in range(repeats)],
+                    default=spent)
+    return _places(s), deepest, spent / horizon
+
+
+def _begin(scene: Scene, solver: Solver, start: Layout, begun: float) -> Simulation:
+    """A simulation that goes on from there."""
+    s = Simulation(replace(scene, solver=solver), start)
+    s.steps = round(begun / s.h)  # the drive goes on where it was
+    return s
+
+
+def _spent(s: Simulation, steps: int) -> float:
+    """Wall time of so many steps in one call (s), after a first one: the first call of a simulation
+    looks at the types of all arrays."""
+    s.advance(1)
+    clock = time.perf_counter()
+    s.advance(steps)
+    return time.perf_counter() - clock
 
 
 def _overlap(s: Simulation, start: Layout) -> float:
