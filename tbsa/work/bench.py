@@ -21,7 +21,8 @@ EFFORTS = ((10.0, 1), (1.0, 1), (0.1, 10))  # of the scene's tolerance, and of i
 REPEATS, SHORT = 5, 0.05  # of a trial that takes less than so long (s): the least time counts
 ALIKE = 1.1  # what costs no more than so many times as much costs the same
 STILL = 1e-9  # widths; what moves less is at rest
-FINEST = 8  # of the shortest step, for the run that the others are held against
+FINEST, LEAST = 8, 1e-3  # of the shortest step and of the scene's tolerance, for the run that the
+# others are held against: what its solves leave grows in a crowd as what theirs do
 LOOKS = 32  # at the overlap, in a trial
 LONGEST = 1 / 30  # s, step
 TRIED = ("step", "substeps", "tolerance", "passes")  # what a table of trials has
@@ -61,8 +62,9 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
     """Try settings of the solver on a scene.
 
     The scene runs for `after` (s) as it is.  From there every setting goes on for `horizon` (s)
-    and is compared with one of an eighth of the shortest step.  Motion with many contacts is
-    chaotic: a longer horizon would tell how chaotic it is, not how exact the solver.
+    and is compared with one of an eighth of the shortest step and a thousandth of the tolerance.
+    Motion with many contacts is chaotic: a longer horizon would tell how chaotic it is, not how
+    exact the solver.
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ def bench(scene: Scene, *, horizon: float = 0.25, after: float = 1.0,
                 for step in steps for factor, more in EFFORTS]
     settings = [each for each in dict.fromkeys(settings) if _takes(scene, each)]
     finest = replace(scene.solver, step=min(steps) / FINEST,
-                     tolerance=0.01 * scene.solver.tolerance,
+                     tolerance=LEAST * scene.solver.tolerance,
                      passes=min(100 * scene.solver.passes, 100_000))
     if not _takes(scene, finest):
         name = "step" if finest.step < SHORTEST else "tolerance"
