@@ -287,6 +287,29 @@ def test_a_seed_that_pushes_holds_no_block():
     assert scaling.report(0.075, law=small)
 
 
+@pytest.mark.parametrize("width", [0.01, 0.03, 0.05])
+@pytest.mark.parametrize("cutoff", [0.5, 0.7])
+def test_a_bound_of_bonds_that_are_all_alike_is_that_of_one(width, cutoff):
+    """Within so short a cut-off only magnets that mate pull, and of no block is a bond another."""
+    for inset in (0.02, 0.05, 0.1):
+        law = Law(beta=0.2 * width, width=width, inset=inset * width, cutoff=cutoff * width,
+                  switch=0.1)
+        bond = force(2.0 * law.inset, law)
+        for each in scaling.READINGS:
+            for load in (0.1 * bond, 0.7 * bond, 3.0 * bond):
+                assert scaling.bound_all_pairs(each, load, MU, 0.0, law) == pytest.approx(
+                    each.bound(bond, load, MU, 0.0), rel=1e-9)
+
+
+def test_a_bound_is_beyond_a_single_tile_that_is_held():
+    """The bonds of two by two are more than twice as strong as that of one."""
+    glues = ((1, 1, -1, 0), (-1, -1, -1, -1))
+    bonds = [scaling.seed_bond(n, SIMULATOR, glues) for n in (1, 2)]
+    assert 0.0 < 2.0 * bonds[0] < bonds[1]
+    for each in scaling.READINGS:
+        assert scaling.bound_all_pairs(each, 0.2 * bonds[0], MU, 0.0, SIMULATOR, glues) > 1.0
+
+
 def test_bonds_with_pairs_beyond_a_tile_width_are_refused():
     """Tiles next but one then pull as well, which the blocks of one and two cannot tell."""
     far = Law(cutoff=0.04, switch=0.1)

@@ -205,9 +205,9 @@ def seed_bond(n: float, law: Law, glues: tuple[Glues, Glues] = statics.CHESSBOAR
 
     Away from its ends a side adds the same force with every two tiles, for a cut-off of up to one
     tile width, so that the blocks with n = 1 to 4 tell it for any whole `n`; between two of them
-    the force of all bonds together is linear.  It holds the block as a whole.  Without friction a
-    single row, which has no more than the last two tiles add, slides out first;
-    ``theory.statics`` finds that.
+    the force of all bonds together is linear, and below 1 it is the bond of a single tile.  It
+    holds the block as a whole.  Without friction a single row, which has no more than the last
+    two tiles add, slides out first; ``theory.statics`` finds that.
 
     Raises
     ------
@@ -234,7 +234,8 @@ def _bond_of(n: float, pulls: Sequence[float]) -> float:
         odd = int((k - 1) % 2)
         return pulls[odd] + (pulls[odd + 2] - pulls[odd]) * ((k - 1) // 2)
 
-    below = float(max(math.floor(n), 1))
+    n = max(n, 1.0)  # further down rounding over n would be all of it
+    below = float(math.floor(n))
     return (whole(below) + (n - below) * (whole(below + 1.0) - whole(below))) / n
 
 
