@@ -300,6 +300,26 @@ def test_hundreds_of_types_are_not_all_tried_at_each_site():
     assert took(lambda: traps(many)) < 30 * took(lambda: traps(few))
 
 
+def test_traps_of_a_type_a_site_take_time_in_proportion_to_what_matches():
+    """All types were tried in all turns at every site: 97 times as long for thrice the side."""
+
+    def addressed(n):
+        """Tiles of which each has one place, in a square with n sites a side."""
+        def glue(c, r, odd):
+            return 2 * (n * c + r) + odd if c >= 0 <= r else 0
+
+        types = [tile(f"{c} {r}", glue(c, r, 1), glue(c, r, 2), -glue(c, r - 1, 1),
+                      -glue(c - 1, r, 2)) for c, r in product(range(n), repeat=2)]
+        where = set(product(range(n), repeat=2))
+        return types, grow(types, [(c, r, f"{c} {r}") for c, r in where if 0 in (c, r)], where)
+
+    small, large = addressed(8), addressed(24)
+    assert len(large[1].types) == 24 * 24
+    assert large[1].directed
+    assert check(*large) == []
+    assert took(lambda: check(*large)) < 45 * took(lambda: check(*small))
+
+
 def test_a_hundred_by_a_hundred_sites_grow_in_a_moment():
     seed = [(k, 0, CHESSBOARD[k % 2].name) for k in range(100)]
     seed += [(0, k, CHESSBOARD[k % 2].name) for k in range(1, 100)]

@@ -320,17 +320,23 @@ def check(types: Sequence[TileType], growth: Growth) -> list[PartialMatch]:
             contexts[placed, facing] += 1
     found: Counter[tuple[str, str, int, int, str, int]] = Counter()
     looks = [look(each.colour) for each in types]
+    views = [(offered, shown, turns, rotated(offered.glues, turns))
+             for offered, shown in zip(types, looks, strict=True)
+             for turns in range(symmetry(offered))]
+    offers: list[dict[int, list[int]]] = [{}, {}, {}, {}]  # by edge, then by the glue it matches
+    for i, view in enumerate(views):
+        for edge, glue in enumerate(view[3]):
+            offers[edge].setdefault(-glue, []).append(i)
     for (placed, facing), sites in contexts.items():
         wanted = types[placed]
-        for offered, shown in zip(types, looks, strict=True):
-            for turns in range(symmetry(offered)):
-                glues = rotated(offered.glues, turns)
-                edges = [edge for edge, glue in facing if attracts(glues[edge], glue)]
-                if not edges or (glues, shown) == (wanted.glues, looks[placed]):
-                    continue
-                repelled = sum(glues[edge] != 0 and glue != 0 for edge, glue in facing)
-                found[wanted.name, offered.name, turns, len(edges), _arrangement(edges),
-                      repelled - len(edges)] += sites
+        for i in {i for edge, glue in facing if glue != 0 for i in offers[edge].get(glue, ())}:
+            offered, shown, turns, glues = views[i]
+            if (glues, shown) == (wanted.glues, looks[placed]):
+                continue
+            edges = [edge for edge, glue in facing if attracts(glues[edge], glue)]
+            repelled = sum(glues[edge] != 0 and glue != 0 for edge, glue in facing)
+            found[wanted.name, offered.name, turns, len(edges), _arrangement(edges),
+                  repelled - len(edges)] += sites
     rows = [PartialMatch(*key, number) for key, number in found.items()]
     return sorted(rows, key=lambda row: (-row.matches, row.mismatches, row.arrangement,
                                          row.wanted, row.offered, row.turns))
