@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.34.0"
+__version__ = "0.35.0"
 
 # Where the public names live.  They are imported when first used: pandas and matplotlib alone
 # take most of a second, and a run needs neither.
