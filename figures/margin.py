@@ -37,6 +37,10 @@ def numbers(scene: Scene) -> Numbers:
     """What holds the tiles of a scene, for theory: every pair of magnets in range."""
     if scene.magnet is None:
         raise tbsa.InputError("must be there: without magnets nothing is held", field="magnet")
+    if scene.floor is not None and scene.floor.law != "separate":
+        raise tbsa.InputError('must be "separate" for a margin, whose statics bound force and '
+                              "torque of the floor apart", file=scene.file, field="floor.law",
+                              value=scene.floor.law)
     return Numbers(law(scene), False, scene.material.friction, floor_limits(scene))
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import tbsa
 from figures import margin as figure
-from tbsa.model.scene import Drive, Magnet, PlacedTile, Scene
+from tbsa.model.scene import Drive, Floor, Magnet, PlacedTile, Scene
 from tbsa.model.tiles import ground_truth, rotated
 from theory import magnets, scaling, stability, statics
 from theory.magnets import Law
@@ -345,7 +345,7 @@ def run(tmp_path):
                               (0.01 + c * x - s * y, -0.02 + s * x + c * y), 0.3 + turn)
         free = (place(0, 0), place(1, 0), place(0, 1, math.pi), place(1, 1), place(8, 8))
         scene = Scene(types=types, seed=seed, free=tbsa.model.scene.Free((), free),
-                      magnet=Magnet(), floor=tbsa.model.scene.Floor(), drive=drive,
+                      magnet=Magnet(), floor=Floor(), drive=drive,
                       record=tbsa.model.scene.Record(0.1, 0.1),
                       run=tbsa.model.scene.Run(0.2))
         scene = replace(scene, **changes)
@@ -408,3 +408,10 @@ def test_a_run_with_another_drive_or_no_magnets_has_no_margin(run):
         figure.margins(run(Drive("constant", force=(0.001, 0.0))))
     with pytest.raises(tbsa.InputError, match="magnet"):
         figure.margins(run(Drive("shaking", force=0.001, frequency=0.3), magnet=None))
+
+
+@pytest.mark.parametrize("law", ["coupled", "exact"])
+def test_a_floor_of_which_the_statics_have_no_bound_has_no_margin(run, law):
+    """One bound on force and torque together holds less than the two apart would."""
+    with pytest.raises(tbsa.InputError, match=r"floor\.law"):
+        figure.margins(run(Drive("shaking", force=0.001, frequency=0.3), floor=Floor(law)))
