@@ -705,9 +705,9 @@ def help_out(me: int, job: int, state: State, tiles: Tiles, k: Numbers, magnets:
         elif what == PULL:
             pull(magnets, work.magnets, crew.what[1], first, last)
         elif what == REACT:
-            react(work.magnets, crew.what[1], crew.what[2], False, me == 1)
+            react(work.magnets, k.n, False, crew.what[1], crew.what[2], False, me == 1)
         elif what == TOTAL:
-            add_up(work.magnets, work.fx, work.fy, work.torque, first, last)
+            add_up(work.magnets, k.n, False, work.fx, work.fy, work.torque, first, last)
         store(crew.done, me * LINE, job)
 
 

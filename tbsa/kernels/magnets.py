@@ -110,7 +110,9 @@ class MagnetPairs(NamedTuple):
     ax: np.ndarray  # float64[4 n], m, magnets as seen from the tiles' centres
     ay: np.ndarray
     m: np.ndarray  # float64[8 n], m, where they are: x and y by turns, which are read together
-    g: np.ndarray  # float64[8 n], N, forces on them, likewise
+    # float64[8 n], N, forces on them, likewise; of several threads, of which each adds a component,
+    # all x before all y, or they would write to the same lines of the cache by turns
+    g: np.ndarray
 
 
 def empty_magnet_pairs(n: int, pairs: int, capacity: int, threads: int = 1) -> MagnetPairs:
@@ -294,43 +296,60 @@ def pull(law: MagnetLaw, near: MagnetPairs, portion: int, begin: int, end: int) 
 
 
 @lane
-def react(near: MagnetPairs, begin: int, end: int, along_x: bool, along_y: bool) -> None:
+def react(near: MagnetPairs, n: int, alone: bool, begin: int, end: int, along_x: bool,
+          along_y: bool) -> None:
     """Add the forces of these magnet pairs to those on both magnets, or one component of them.
 
     Always in the order of the pairs: of two threads each takes a component.
     """
     mp, mq, hx, hy, g = near.p, near.q, near.hx, near.hy, near.g
     o, part = U(begin), U(end - begin)
-    if along_x and along_y:  # both at once, as they stand together
+    if alone:  # both at once, as they stand together
         for i in range(part):
             p, q, fx, fy = U(2) * U(mp[o + i]), U(2) * U(mq[o + i]), hx[i], hy[i]
             px, py = g[p] + fx, g[p + U(1)] + fy
             g[p], g[p + U(1)] = px, py
             qx, qy = g[q] - fx, g[q + U(1)] - fy
             g[q], g[q + U(1)] = qx, qy
-    elif along_x:
+    if along_x and not alone:
         for i in range(part):
-            g[U(2) * U(mp[o + i])] += hx[i]
-            g[U(2) * U(mq[o + i])] -= hx[i]
-    elif along_y:
+            g[U(mp[o + i])] += hx[i]
+            g[U(mq[o + i])] -= hx[i]
+    if along_y and not alone:
+        y = U(4) * U(n)
         for i in range(part):
-            g[U(2) * U(mp[o + i]) + U(1)] += hy[i]
-            g[U(2) * U(mq[o + i]) + U(1)] -= hy[i]
+            g[y + U(mp[o + i])] += hy[i]
+            g[y + U(mq[o + i])] -= hy[i]
+
+
+@lane
+def sum_of(near: MagnetPairs, i: int, x: int, y: int, step: int) -> Any:
+    """Force on tile i (N) and torque (N m) of the forces on its magnets, whose components begin at
+    these places and are as far apart."""
+    ax, ay, g, k = near.ax, near.ay, near.g, U(4) * i
+    x1, x2, x3 = x + step, x + U(2) * step, x + U(3) * step
+    y1, y2, y3 = y + step, y + U(2) * step, y + U(3) * step
+    t = ax[k] * g[y] - ay[k] * g[x]
+    t += ax[k + U(1)] * g[y1] - ay[k + U(1)] * g[x1]
+    t += ax[k + U(2)] * g[y2] - ay[k + U(2)] * g[x2]
+    t += ax[k + U(3)] * g[y3] - ay[k + U(3)] * g[x3]
+    return (g[x] + g[x1]) + (g[x2] + g[x3]), (g[y] + g[y1]) + (g[y2] + g[y3]), t
 
 
 @rolled
-def add_up(near: MagnetPairs, fx: np.ndarray, fy: np.ndarray, torque: np.ndarray, begin: int,
-           end: int) -> None:
-    """Add the forces on the magnets of these tiles to those on the tiles."""
-    ax, ay, g = near.ax, near.ay, near.g
-    for i in range(U(begin), U(end)):
-        k, j = U(4) * i, U(8) * i
-        fx[i] += (g[j] + g[j + U(2)]) + (g[j + U(4)] + g[j + U(6)])
-        fy[i] += (g[j + U(1)] + g[j + U(3)]) + (g[j + U(5)] + g[j + U(7)])
-        t = ax[k] * g[j + U(1)] - ay[k] * g[j]
-        t += ax[k + U(1)] * g[j + U(3)] - ay[k + U(1)] * g[j + U(2)]
-        t += ax[k + U(2)] * g[j + U(5)] - ay[k + U(2)] * g[j + U(4)]
-        t += ax[k + U(3)] * g[j + U(7)] - ay[k + U(3)] * g[j + U(6)]
+def add_up(near: MagnetPairs, n: int, alone: bool, fx: np.ndarray, fy: np.ndarray,
+           torque: np.ndarray, begin: int, end: int) -> None:
+    """Add the forces on the magnets of these tiles, which one thread has put there `alone` or two
+    by components, to those on the tiles."""
+    for i in range(U(begin), U(end) if alone else U(begin)):
+        px, py, t = sum_of(near, i, U(8) * i, U(8) * i + U(1), U(2))
+        fx[i] += px
+        fy[i] += py
+        torque[i] += t
+    for i in range(U(end) if alone else U(begin), U(end)):
+        px, py, t = sum_of(near, i, U(4) * i, U(4) * (U(n) + i), U(1))
+        fx[i] += px
+        fy[i] += py
         torque[i] += t
 
 
@@ -345,10 +364,10 @@ def add_magnet_forces(law: MagnetLaw, n: int, near: MagnetPairs, fx: np.ndarray,
         pull(law, near, portion, begin, end)
         collect(crew)
         give(crew, REACT, portion, last, LEAST_PAIRS)
-        react(near, portion, last, True, end == last)
+        react(near, n, crew.size == 1, portion, last, True, end == last)
         collect(crew)
     begin, end = give(crew, TOTAL, ZERO, n, LEAST_TILES)
-    add_up(near, fx, fy, torque, begin, end)
+    add_up(near, n, crew.size == 1, fx, fy, torque, begin, end)
     collect(crew)
 
 
