@@ -21,7 +21,7 @@ from tbsa.kernels.magnets import (
 )
 from tbsa.kernels.mean_forces import add_mean_forces
 from tbsa.kernels.motion import turn
-from tbsa.kernels.neighbours import FEW_LATE, list_again, list_pairs, stale
+from tbsa.kernels.neighbours import list_again, list_pairs, stale
 from tbsa.kernels.state import MORE_MAGNETS, MORE_PAIRS, NOT_FINITE, OK, Counts, Tiles, Work
 
 # How long lists last: steps that a tile can go on at its speed and some way more (widths) before
@@ -30,6 +30,8 @@ from tbsa.kernels.state import MORE_MAGNETS, MORE_PAIRS, NOT_FINITE, OK, Counts,
 # Of up to so many tiles all pairs are few.
 PAIR_STEPS, PAIR_ROOM, PAIR_MOST, PAIR_FEW = 8.0, 0.35, 0.5, 8
 MAGNET_STEPS, MAGNET_ROOM, MAGNET_MOST = 5.0, 0.02, 0.1
+# Up to one tile in so many has its pairs listed again, beside those of all others.
+FEW_LATE = 16
 
 
 @inline

@@ -311,11 +311,12 @@ def react(near: MagnetPairs, n: int, alone: bool, begin: int, end: int, along_x:
             g[p], g[p + U(1)] = px, py
             qx, qy = g[q] - fx, g[q + U(1)] - fy
             g[q], g[q + U(1)] = qx, qy
-    if along_x and not alone:
+        return
+    if along_x:
         for i in range(part):
             g[U(mp[o + i])] += hx[i]
             g[U(mq[o + i])] -= hx[i]
-    if along_y and not alone:
+    if along_y:
         y = U(4) * U(n)
         for i in range(part):
             g[y + U(mp[o + i])] += hy[i]
@@ -341,12 +342,14 @@ def add_up(near: MagnetPairs, n: int, alone: bool, fx: np.ndarray, fy: np.ndarra
            torque: np.ndarray, begin: int, end: int) -> None:
     """Add the forces on the magnets of these tiles, which one thread has put there `alone` or two
     by components, to those on the tiles."""
-    for i in range(U(begin), U(end) if alone else U(begin)):
-        px, py, t = sum_of(near, i, U(8) * i, U(8) * i + U(1), U(2))
-        fx[i] += px
-        fy[i] += py
-        torque[i] += t
-    for i in range(U(end) if alone else U(begin), U(end)):
+    if alone:
+        for i in range(U(begin), U(end)):
+            px, py, t = sum_of(near, i, U(8) * i, U(8) * i + U(1), U(2))
+            fx[i] += px
+            fy[i] += py
+            torque[i] += t
+        return
+    for i in range(U(begin), U(end)):
         px, py, t = sum_of(near, i, U(4) * i, U(4) * (U(n) + i), U(1))
         fx[i] += px
         fy[i] += py

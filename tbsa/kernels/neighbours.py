@@ -14,8 +14,6 @@ from tbsa.kernels.jit import ZERO, U, apart, inline, kernel, lane, rolled
 # Cells, up to which they are told apart; and tiles that one has in the cells of all, itself among
 # them, in the mean, with which these are too crowded.
 FARTHEST, CROWDED = 1e9, 8
-# Up to one tile in so many has its pairs listed again, beside those of all others.
-FEW_LATE = 16
 
 
 class Pairs(NamedTuple):
